@@ -32,5 +32,11 @@ def show(made: tuple[Watched, ...]) -> None:
             print_table(["trend", *DRIFT_NAMES.values()], [[f"per {found.trends[0].per}", *slopes]])
         typer.secho(found.verdict, fg=COLOURS[found.holds], bold=True)
         report(f"note: {found.basis}")
+        if one.recalibration is not None:
+            accepted = one.recalibration.accepted
+            typer.secho(one.recalibration.verdict, fg=typer.colors.GREEN if accepted else typer.colors.RED, bold=True)
+            for words in one.recalibration.notes:
+                report(f"note: {words}")
         if one.files:
-            typer.echo(f"{one.files[0].parent}: {', '.join(path.name for path in one.files)}")
+            folder = one.files[0].parent
+            typer.echo(f"{folder}: {', '.join(str(path.relative_to(folder)) for path in one.files)}")

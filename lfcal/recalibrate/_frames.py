@@ -12,12 +12,18 @@ from lfcal.base import InputError, check_number, format_bytes, format_pixels, fr
 from lfcal.camera import ScanPlan
 from lfcal.fit import NewFrame
 from lfcal.recalibrate._scene import ObjectFrame
-from lfcal.recalibrate._window import SensorWindow
+from lfcal.recalibrate._window import LEAST_SIDE, SIDE, SensorWindow, windows_of
 
-__all__ = ["check_memory", "distinct_label", "in_window", "whole_frame"]
+__all__ = ["ROOM", "distinct_label", "in_window", "pattern_bytes", "whole_frame", "windows_within"]
 
 PLATEAU = 12
 """Number of pixels with exactly the largest value of a frame above which the frame is taken as saturated there."""
+
+ROOM = 0.8
+"""Fraction of the free memory that may be used."""
+
+SIDES = tuple(range(SIDE, LEAST_SIDE - 1, -10))
+"""Sides of windows (pixels), the best first."""
 
 STRUCTURE = 1.1
 """Least mean square difference of neighbouring pixels of a frame, relative to that of noise."""
@@ -32,16 +38,41 @@ def distinct_label(label: str, taken: Collection[str]) -> str:
     return name
 
 
-def check_memory(plan: ScanPlan, copies: int = 2) -> None:
-    """Raise `InputError` unless ``copies`` of the patterns of a window fit into memory: 2 while some are selected."""
-    needed, free = copies * 4 * math.prod(plan.shape), free_memory()
-    if free and needed > free:
-        raise InputError.expected(
-            "memory for the patterns of a window",
-            f"at least {format_bytes(needed)}",
-            f"{format_bytes(free)} free",
-            "choose a smaller cutout or fewer planes",
-        )
+def windows_within(plan: ScanPlan, count: int | None, copies: float, *, every: bool) -> tuple[SensorWindow, ...]:
+    """Return windows of a sensor whose patterns fit into memory: as large and as many as possible.
+
+    Parameters
+    ----------
+    plan, count
+        As in `windows_of`. If ``count`` is None, memory may also reduce the number of windows.
+    copies
+        Memory of a window, relative to that of the patterns of all its voxels.
+    every
+        Whether the patterns of all windows are in memory together, instead of one window at a time.
+
+    Raises
+    ------
+    InputError
+        If not even one window of the smallest size fits.
+    """
+    free, needed = ROOM * free_memory(), 0.0
+    for number in (count, 1) if every and count is None else (count,):
+        for side in SIDES:
+            found = windows_of(plan, number, side)
+            needed = copies * pattern_bytes(found[0].plan) * (len(found) if every else 1)
+            if not free or needed <= free:
+                return found
+    raise InputError.expected(
+        "memory for the patterns of a window",
+        f"at least {format_bytes(needed)}",
+        f"{format_bytes(free)} that may be used",
+        "choose a smaller cutout, fewer planes or fewer windows",
+    )
+
+
+def pattern_bytes(plan: ScanPlan) -> int:
+    """Return the memory of the patterns of all positions of a plan (bytes)."""
+    return 4 * math.prod(plan.shape)
 
 
 def whole_frame(frame: NewFrame, name: str, plan: ScanPlan, given: tuple[float, float] | None) -> ObjectFrame:

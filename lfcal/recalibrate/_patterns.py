@@ -28,10 +28,10 @@ PARTS = 8
 
 
 @njit(fastmath={"contract", "reassoc"})
-def _spread(values: F4, corners: NDArray[np.intp], weights: F4, out: F4) -> None:
-    """Add ``weights[k, v] * values[v]`` at ``corners[v]`` to image ``out[k]``, for all k and v."""
-    count, rows, columns = values.shape
-    for v in range(count):
+def _spread(values: F4, index: NDArray[np.intp], corners: NDArray[np.intp], weights: F4, out: F4) -> None:
+    """Add ``weights[k, v] * values[index[v]]`` at ``corners[v]`` to image ``out[k]``, for all k and v."""
+    _, rows, columns = values.shape
+    for v in range(len(index)):
         top, left = corners[v, 0], corners[v, 1]
         for k in range(weights.shape[0]):
             weight = weights[k, v]
@@ -39,22 +39,22 @@ def _spread(values: F4, corners: NDArray[np.intp], weights: F4, out: F4) -> None
                 continue
             for t in range(rows):
                 line = out[k, top + t, left : left + columns]
-                pattern = values[v, t]
+                pattern = values[index[v], t]
                 for s in range(columns):
                     line[s] += weight * pattern[s]
 
 
 @njit(fastmath={"contract", "reassoc"})
-def _collect(values: F4, corners: NDArray[np.intp], images: F4, out: F4) -> None:
-    """Set ``out[k, v]`` to the sum of ``values[v]`` times the part of ``images[k]`` at ``corners[v]``."""
-    count, rows, columns = values.shape
-    for v in range(count):
+def _collect(values: F4, index: NDArray[np.intp], corners: NDArray[np.intp], images: F4, out: F4) -> None:
+    """Set ``out[k, v]`` to the sum of ``values[index[v]]`` times the part of ``images[k]`` at ``corners[v]``."""
+    _, rows, columns = values.shape
+    for v in range(len(index)):
         top, left = corners[v, 0], corners[v, 1]
         for k in range(images.shape[0]):
             total = np.float32(0)
             for t in range(rows):
                 line = images[k, top + t, left : left + columns]
-                pattern = values[v, t]
+                pattern = values[index[v], t]
                 for s in range(columns):
                     total += line[s] * pattern[s]
             out[k, v] = total
@@ -71,7 +71,9 @@ class VoxelPatterns:
     offsets_px
         Displacement (dy, dx) of each voxel from its position, in pixels on the sensor ``(n, 2)``.
     values
-        Pattern of each voxel ``(n, nt, ns)``.
+        Patterns ``(m, nt, ns)``.
+    index
+        Index of the pattern of each voxel in ``values`` ``(n,)``.
     shape
         Rows and columns of the image, ``(ny + nt - 1, nx + ns - 1)`` for ``ny`` x ``nx`` positions. The pattern of
         position (y, x) begins at row y and column x.
@@ -82,6 +84,7 @@ class VoxelPatterns:
     places: NDArray[np.intp]
     offsets_px: NDArray[np.float64]
     values: F4
+    index: NDArray[np.intp]
     shape: tuple[int, int]
     workers: int
 
@@ -97,7 +100,7 @@ class VoxelPatterns:
         def part(ends: tuple[int, int]) -> F4:
             own = slice(*ends)
             found = np.zeros((len(weights), *self.shape), np.float32)
-            _spread(self.values[own], corners[own], np.ascontiguousarray(weights[:, own]), found)
+            _spread(self.values, self.index[own], corners[own], np.ascontiguousarray(weights[:, own]), found)
             return found
 
         total = np.zeros((len(weights), *self.shape), np.float32)
@@ -113,15 +116,14 @@ class VoxelPatterns:
         def part(ends: tuple[int, int]) -> F4:
             own = slice(*ends)
             found = np.empty((len(images), ends[1] - ends[0]), np.float32)
-            _collect(self.values[own], corners[own], images, found)
+            _collect(self.values, self.index[own], corners[own], images, found)
             return found
 
         return np.concatenate(list(in_order(part, chunks(len(self), PARTS), self.workers)), axis=1)
 
     def of(self, keep: NDArray[np.bool_]) -> VoxelPatterns:
-        """Return the patterns of the voxels in the mask ``keep`` ``(n,)``."""
-        values = np.ascontiguousarray(self.values[keep])
-        return replace(self, places=self.places[keep], offsets_px=self.offsets_px[keep], values=values)
+        """Return the patterns of the voxels in the mask ``keep`` ``(n,)``, without a copy of ``values``."""
+        return replace(self, places=self.places[keep], offsets_px=self.offsets_px[keep], index=self.index[keep])
 
 
 def every_voxel(plan: ScanPlan, *, halves: bool = False) -> Voxels:
@@ -159,4 +161,4 @@ def patterns_at(
 
         for _ in in_order(part, chunks(len(own), 4 * count if count > 1 else 1), count):
             pass
-    return VoxelPatterns(places, offsets, values, (ny + nt - 1, nx + ns - 1), count)
+    return VoxelPatterns(places, offsets, values, np.arange(len(places)), (ny + nt - 1, nx + ns - 1), count)

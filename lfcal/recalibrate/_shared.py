@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from lfcal.recalibrate.files import iter_write_recalibration, recalibration_dict, recalibration_outputs
 from lfcal.recalibrate.model import stated_contents
-from lfcal.recalibrate.watch_files import watch_outputs, write_watch
+from lfcal.recalibrate.watch_files import RECALIBRATED, StoredWatch, read_watch, watch_outputs, write_watch
 from lfcal.recalibrate.watched import DRIFT_NAMES
 
 __all__ = [
     "DRIFT_NAMES",
+    "RECALIBRATED",
+    "StoredWatch",
     "iter_write_recalibration",
+    "read_watch",
     "recalibration_dict",
     "recalibration_outputs",
     "stated_contents",

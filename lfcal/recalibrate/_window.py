@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 
-__all__ = ["SIDE", "SensorWindow", "windows_of"]
+__all__ = ["LEAST_SIDE", "SIDE", "SensorWindow", "windows_of"]
 
 F4 = NDArray[np.float32]
 
@@ -40,6 +41,17 @@ class SensorWindow:
     """
 
     plan: ScanPlan
+
+    @classmethod
+    def at(cls, plan: ScanPlan, period: Sequence[int], anchor: Sequence[float]) -> SensorWindow:
+        """Return the window of ``period`` positions (rows, columns), the first at pixel ``anchor`` (row, column)."""
+        size, first = (int(period[0]), int(period[1])), (float(anchor[0]), float(anchor[1]))
+        return cls(replace(plan, period=size, anchor=first, resample=False))
+
+    @property
+    def place(self) -> tuple[tuple[int, int], tuple[float, float]]:
+        """Number of positions (rows, columns), and pixel (row, column) of the first."""
+        return self.plan.period, self.plan.anchor
 
     @property
     def origin(self) -> tuple[int, int]:
@@ -100,7 +112,5 @@ def windows_of(plan: ScanPlan, count: int | None = None, side: int = SIDE) -> tu
     for middle in CORNERS[: max(1, count)]:
         first = np.clip(np.rint(np.array(middle) * room - period / 2), 0, room - period)
         anchor = first + (cutout - 1) // 2
-        size = (int(period[0]), int(period[1]))
-        own = replace(plan, period=size, anchor=(float(anchor[0]), float(anchor[1])), resample=False)
-        found[tuple(anchor.tolist())] = SensorWindow(own)
+        found[tuple(anchor.tolist())] = SensorWindow.at(plan, period.tolist(), anchor.tolist())
     return tuple(found.values())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, worker_count
+from lfcal.base import InputError, chunks, worker_count
 from lfcal.fit import Setup, Vector
 from lfcal.recalibrate._patterns import VoxelPatterns, Voxels, every_voxel, patterns_at
 from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate, dark_fields, estimate_scene
@@ -17,13 +18,19 @@ from lfcal.recalibrate._window import SensorWindow
 from lfcal.recalibrate.score import Goodness, Score, goodness, score_of
 from lfcal.simulate import Sampling
 
-__all__ = ["DEPTH_SCALE", "Contents", "WindowModel", "stated_contents"]
+__all__ = ["COPIES", "DEPTH_SCALE", "Contents", "WindowModel", "stated_contents"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 STEP = 0.25
 """Step of a finite difference, in scales of its unknown."""
+
+PARTS = 4
+"""Number of parts in which the patterns of all voxels are computed for a derivative, to limit memory."""
+
+COPIES = 1 + 1 / PARTS
+"""Memory of a window, relative to that of the patterns of all its voxels."""
 
 DEPTH_SCALE = 0.01
 """Unit of the scale of the depths, as a fraction."""
@@ -91,6 +98,24 @@ class WindowModel:
         self.fields = dark_fields(window.shape, contents.dark_parts)
         self._voxels = every_voxel(self.plan, halves=contents.halves)
 
+    @property
+    def voxels(self) -> int:
+        """Number of voxels."""
+        return len(self._voxels[0])
+
+    def rows_of(self, count: int) -> Voxels:
+        """Return the voxels in the middle ``count`` rows of each plane, or in all rows if there are fewer."""
+        places, offsets = self._voxels
+        rows = self.plan.period[0]
+        first = max(0, (rows - count) // 2)
+        own = (places[:, 1] >= first) & (places[:, 1] < first + count)
+        return places[own], offsets[own]
+
+    @property
+    def memory(self) -> float:
+        """Largest memory of the patterns that are kept at a time (bytes)."""
+        return COPIES * 4 * self.voxels * math.prod(self.plan.cutout)
+
     def patterns(self, setup: Setup, sampling: Sampling, voxels: Voxels | None = None) -> VoxelPatterns:
         """Return the patterns of ``voxels`` (None: all) for the camera in ``setup``, computed with ``sampling``."""
         own = self._voxels if voxels is None else voxels
@@ -140,8 +165,13 @@ class WindowModel:
         base = some.images(volumes)
         found = np.empty((len(u) + 1, *base.shape), np.float32)
         for k, (setup, step) in enumerate(self._displaced(vector, u)):
-            displaced = self.patterns(setup, sampling, (some.places, some.offsets_px))
-            found[k] = (displaced.images(volumes) - base) / np.float32(step)
+            moved = np.zeros_like(base)
+            for start, stop in chunks(len(some), math.ceil(PARTS * len(some) / len(patterns))):
+                own = slice(start, stop)
+                moved += self.patterns(setup, sampling, (some.places[own], some.offsets_px[own])).images(
+                    volumes[:, own]
+                )
+            found[k] = (moved - base) / np.float32(step)
         return found
 
     def _displaced(self, vector: Vector, u: F8) -> Iterator[tuple[Setup, float]]:

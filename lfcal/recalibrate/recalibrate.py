@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, drained
+from lfcal.base import (
+    Clock,
+    InputError,
+    Work,
+    drained,
+    format_bytes,
+    format_pixels,
+    format_seconds,
+    free_memory,
+    note,
+)
 from lfcal.camera import Camera, NoLatticeError, ScanPlan
 from lfcal.fit import (
     Fineness,
@@ -22,11 +35,13 @@ from lfcal.fit import (
     lacking,
     starting_effects,
 )
-from lfcal.recalibrate._frames import check_memory, distinct_label, in_window, whole_frame
+from lfcal.recalibrate._forecast import Round, processor_seconds
+from lfcal.recalibrate._frames import ROOM, distinct_label, in_window, whole_frame, windows_within
 from lfcal.recalibrate._modes import Modes
 from lfcal.recalibrate._scene import ObjectFrame
-from lfcal.recalibrate._window import SensorWindow, windows_of
-from lfcal.recalibrate.model import DEPTH_SCALE, Contents, WindowModel
+from lfcal.recalibrate._steps import Arrays, Steps
+from lfcal.recalibrate._window import SensorWindow
+from lfcal.recalibrate.model import COPIES, DEPTH_SCALE, Contents, WindowModel
 from lfcal.recalibrate.score import Goodness, Score
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import EnergyError
@@ -210,6 +225,7 @@ def iter_recalibrate(
     effects: Sequence[Effect] | None = None,
     windows: int | None = None,
     workers: int | None = None,
+    steps: Path | None = None,
 ) -> Work[Recalibration]:
     """Fit the camera to frames of unknown objects, and return the `Recalibration`.
 
@@ -230,9 +246,13 @@ def iter_recalibrate(
     effects
         Effects to simulate. None: those that follow from the description of the camera.
     windows
-        Number of windows of the sensor to use. None: one, or five for a large sensor.
+        Number of windows of the sensor to use. None: one, or five for a large sensor. Their size depends on the free
+        memory, because only one window is in memory at a time.
     workers
         Number of threads. None: all processors.
+    steps
+        Folder in which finished steps are stored, one for each round and window. If it contains those of the same fit,
+        the fit continues from them. None: no steps are stored.
 
     Yields
     ------
@@ -244,7 +264,7 @@ def iter_recalibrate(
     InputError
         If there are no frames, or if the noise of a frame is unknown, its shape is not that of the sensor, or its
         structure does not exceed the noise. If a group of unknowns cannot be fitted, no window has valid pixels in all
-        frames, memory is insufficient, or the camera has no lenslet lattice.
+        frames, memory is insufficient, ``steps`` contains those of another fit, or the camera has no lenslet lattice.
 
     Examples
     --------
@@ -265,22 +285,35 @@ def iter_recalibrate(
     without = lacking(setup, plan)
     groups = tuple(name for name in DETERMINED if name not in without) if unknowns is None else tuple(unknowns)
     check_groups(setup, plan, groups)
-    places = windows_of(plan, windows)
-    check_memory(places[0].plan)
     wholes: dict[str, ObjectFrame] = {}
     for frame in frames:
         name = distinct_label(frame.label, wholes)
         wholes[name] = whole_frame(frame, name, plan, noise)
-    every = [(window, [in_window(whole, window) for whole in wholes.values()]) for window in places]
-    lit = [(window, own) for window, own in every if all(one.valid.any() for one in own)]
+    places = windows_within(plan, windows, COPIES, every=False)
+    stored = Steps(
+        steps, _key(setup, plan, groups, wholes.values(), windows), {"windows": [one.place for one in places]}
+    )
+    every = [SensorWindow.at(plan, *place) for place in stored.settings["windows"]]
+    own = [(window, [in_window(whole, window) for whole in wholes.values()]) for window in every]
+    lit = [(window, parts) for window, parts in own if all(one.valid.any() for one in parts)]
     if not lit:
         raise InputError.expected(
             "frames", "valid pixels in a window of the sensor", "none", "check mask and saturation level"
         )
     scales = ScanScales.over([window.plan for window, _ in lit]) if len(lit) > 1 else ScanScales.of(lit[0][0].plan)
-    vector = Vector(setup, scales, groups)
-    fit = _Run(lit, plan, vector, workers)
+    fit = _Run(lit, plan, Vector(setup, scales, groups), stored, workers)
     return (yield from fit.iter_found())
+
+
+def _key(
+    setup: Setup, plan: ScanPlan, groups: Sequence[str], frames: Iterable[ObjectFrame], windows: int | None
+) -> str:
+    """Return a text that differs between fits to different frames or with different settings."""
+    found = hashlib.sha256(repr((plan.to_dict(), setup.effects, groups, windows, ROUNDS)).encode())
+    for frame in frames:
+        found.update(repr((frame.name, frame.read_e, frame.prnu)).encode())
+        found.update(frame.electrons.tobytes() + frame.valid.tobytes())
+    return found.hexdigest()
 
 
 recalibrate = drained(
@@ -321,75 +354,107 @@ class _Run:
         lit: Sequence[tuple[SensorWindow, Sequence[ObjectFrame]]],
         plan: ScanPlan,
         vector: Vector,
+        steps: Steps,
         workers: int | None,
     ) -> None:
-        self.lit, self.plan, self.vector, self.workers = lit, plan, vector, workers
+        self.lit, self.plan, self.vector, self.steps, self.workers = lit, plan, vector, steps, workers
         precision, _ = vector.prior()
         self.precision = np.where(precision > 0, precision, UNCERTAINTY**-2)
 
     def iter_found(self) -> Work[Recalibration]:
         """Fit the camera; if it does not explain the frames, look for the reason, and fit again with its remedy."""
         begin = Contents(self.plan.depths_um)
+        self._note_forecast(begin)
         at = yield from self._iter_fit(begin, "recalibration")
         words: tuple[str, ...] = ()
         if at.worst > ALARM:
             at, words = yield from self._iter_remedied(at)
         return self._summary(at, words)
 
-    def _models(self, contents: Contents) -> list[WindowModel]:
-        return [WindowModel(window, frames, contents, self.workers) for window, frames in self.lit]
+    def _note_forecast(self, contents: Contents) -> None:
+        """Report the windows, and the processor time and memory that the fit needs."""
+        models = self._models(contents)
+        seconds = processor_seconds(models[0], self.vector.setup, ROUNDS, len(models), len(self.vector))
+        shape, count = format_pixels(self.lit[0][0].shape), len(models)
+        note(
+            f"{count} window{'s' if count > 1 else ''} of {shape}, about {format_seconds(seconds)} of processor time, "
+            f"memory {format_bytes(models[0].memory)}; more if a remedy is needed"
+        )
 
-    def _iter_fit(self, contents: Contents, note: str) -> Work[_At]:
+    def _models(self, contents: Contents) -> list[WindowModel]:
+        models = [WindowModel(window, frames, contents, self.workers) for window, frames in self.lit]
+        free = ROOM * free_memory()
+        if free and models[0].memory > free:
+            raise InputError.expected(
+                "memory for the patterns of a window",
+                f"at least {format_bytes(models[0].memory)}",
+                f"{format_bytes(free)} that may be used",
+                "choose a smaller cutout or fewer planes",
+            )
+        return models
+
+    def _iter_fit(self, contents: Contents, stage: str) -> Work[_At]:
         count = len(self.vector)
         u, models, total = np.zeros(count), self._models(contents), Score.none(count + 1)
-        clock, derivatives = Clock(note, (len(ROUNDS) + 1) * len(models)), dict[int, F4]()
+        clock, derivatives = Clock(stage, (len(ROUNDS) + 1) * len(models)), dict[int, F4]()
         yield clock.at(0)
-        for turn, (iterations, sampling, bright) in enumerate(ROUNDS):
+        for turn, how in enumerate(ROUNDS):
             total = Score.none(count + 1)
             for k, model in enumerate(models):
-                patterns = model.patterns(self.vector.setup_at(u), sampling)
-                scenes = model.scenes(patterns, iterations)
-                if bright:
-                    derivatives[k] = model.derivatives(self.vector, u, patterns, scenes, sampling, bright)
-                total += model.score(patterns, scenes, derivatives[k])
+                step = self.steps.result(partial(self._scored, model, u, how, derivatives.get(k)))
+                derivatives[k] = step.get("derivatives", derivatives.get(k))
+                total += Score(step["information"], step["gradient"])
                 yield clock.at(turn * len(models) + k + 1)
             own = total.information[:count, :count]
             target = Modes.of(own, self.precision).estimate(total.gradient[:count] + own @ u)
             u = self.vector.clipped(u + np.clip(target - u, -LONGEST, LONGEST))
         goodness: dict[str, Goodness] = {}
-        for k, one in enumerate(self._goodness(u, models)):
-            goodness = {name: max(value, goodness.get(name, value)) for name, value in one.items()}
+        for k, model in enumerate(models):
+            values = self.steps.result(partial(self._goodness, model, u))["goodness"]
+            for frame, value in zip(model.frames, values.tolist(), strict=True):
+                one = Goodness(*value)
+                goodness[frame.name] = max(one, goodness.get(frame.name, one))
             yield clock.at(len(ROUNDS) * len(models) + k + 1)
         return _At(u, total.information, goodness, contents)
 
-    def _goodness(self, u: F8, models: Sequence[WindowModel]) -> Iterator[dict[str, Goodness]]:
-        """Yield the goodness of fit of the frames, by name, in each window."""
+    def _scored(self, model: WindowModel, u: F8, how: Round, earlier: F4 | None) -> Arrays:
+        """Return the score of the frames in a window in a round, and the derivatives if they were computed again."""
+        iterations, sampling, bright = how
+        patterns = model.patterns(self.vector.setup_at(u), sampling)
+        scenes = model.scenes(patterns, iterations)
+        found: dict[str, F4 | F8] = {}
+        if earlier is None or bright:
+            earlier = found["derivatives"] = model.derivatives(self.vector, u, patterns, scenes, sampling, bright)
+        score = model.score(patterns, scenes, earlier)
+        return {**found, "information": score.information, "gradient": score.gradient}
+
+    def _goodness(self, model: WindowModel, u: F8) -> Arrays:
+        """Return the goodness of fit of the frames in a window, one row for each frame."""
         iterations, sampling, _ = ROUNDS[-1]
-        for model in models:
-            patterns = model.patterns(self.vector.setup_at(u), sampling)
-            found = model.goodness(patterns, model.scenes(patterns, iterations))
-            yield {frame.name: value for frame, value in zip(model.frames, found, strict=True)}
+        patterns = model.patterns(self.vector.setup_at(u), sampling)
+        return {"goodness": np.array(model.goodness(patterns, model.scenes(patterns, iterations)), np.float64)}
 
     def _iter_remedied(self, at: _At) -> Work[tuple[_At, tuple[str, ...]]]:
         """Return the first fit with a remedy that explains the frames, otherwise ``at``, and what it shows, in words.
 
         A fit with wrong assumptions moves the camera away, so each remedy needs a fit from the start.
         """
-        best, reason = at, ""
+        best, reason, untried = at, "", ""
         for one in _remedies(self.plan):
             try:
                 again = yield from self._iter_fit(one.contents, f"recalibration with {one.remedy}")
-            except (InputError, EnergyError):  # the engine cannot compute these planes
+            except (InputError, EnergyError) as error:  # the engine cannot compute these planes, or memory is short
+                untried += f"; not tried: {one.remedy} ({error})"
                 continue
             if again.worst <= ALARM:
                 return again, (f"{one.reason}; the fit was repeated with {one.remedy}",)
             if again.worst - 1 < HELPS * (best.worst - 1):
                 best, reason = again, f"{one.reason}: with {one.remedy}, the goodness of fit is {again.worst:.2f}"
-        return at, (
-            reason
-            or "neither other planes, nor smaller voxels, nor a structured dark field explain the frames: the "
-            "optics may have an effect that is not described, or the noise may be larger than stated",
+        words = reason or (
+            "neither other planes, nor smaller voxels, nor a structured dark field explain the frames: the "
+            "optics may have an effect that is not described, or the noise may be larger than stated"
         )
+        return at, (words + untried,)
 
     def _summary(self, at: _At, words: tuple[str, ...]) -> Recalibration:
         information = at.information[:-1, :-1]

@@ -15,9 +15,8 @@ from lfcal.camera import NoLatticeError, ScanPlan
 from lfcal.fit import NewFrame, Setup
 from lfcal.recalibrate._alarm import LEAST_QUIET, AlarmTest, MeasuredDrift, mean_drift, rejected
 from lfcal.recalibrate._drift import COPIES, FLOORS, DriftWindow
-from lfcal.recalibrate._frames import check_memory, distinct_label, whole_frame
+from lfcal.recalibrate._frames import distinct_label, whole_frame, windows_within
 from lfcal.recalibrate._scene import ObjectFrame
-from lfcal.recalibrate._window import windows_of
 from lfcal.recalibrate.model import Contents
 from lfcal.recalibrate.recalibrate import ALARM
 from lfcal.recalibrate.score import Goodness, Score
@@ -187,8 +186,7 @@ class _Array:
         workers: int | None,
     ) -> None:
         self.plan, self.noise, self.lost = plan, noise, 0
-        places = windows_of(plan, windows)
-        check_memory(places[0].plan, COPIES * len(places))
+        places = windows_within(plan, windows, COPIES, every=True)
         self.windows = [DriftWindow(one, setup, contents, workers) for one in places]
         self.at: F8 = np.zeros(len(DRIFT_NAMES))
 

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from lfcal.base import COLOURS, LINES, figure, save_figure, write_text
+from lfcal.base import COLOURS, LINES, InputError, figure, read_text, save_figure, write_text
 from lfcal.fit import json_text
 from lfcal.recalibrate.watched import DRIFT_NAMES, DriftWatch
 
-__all__ = ["watch_outputs", "write_watch"]
+__all__ = ["RECALIBRATED", "StoredWatch", "read_watch", "watch_outputs", "write_watch"]
+
+RECALIBRATED = "recalibrated"
+"""Folder with the recalibrated camera and its H, next to the numbers."""
 
 NAMES = ("watch.csv", "watch.json", "watch.png")
 
@@ -23,8 +30,10 @@ def watch_outputs(folder: Path) -> tuple[Path, ...]:
     return tuple(folder / name for name in NAMES)
 
 
-def write_watch(found: DriftWatch, folder: Path) -> tuple[Path, ...]:
+def write_watch(found: DriftWatch, folder: Path, known: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the table, the numbers and the plot of a watched series to ``folder``, and return their paths.
+
+    ``known`` contains entries to add to the numbers, as plain JSON types.
 
     Raises
     ------
@@ -33,9 +42,59 @@ def write_watch(found: DriftWatch, folder: Path) -> tuple[Path, ...]:
     """
     table, numbers, plot = watch_outputs(folder)
     write_text(table, _table(found))
-    write_text(numbers, json_text(found.to_dict()))
+    write_text(numbers, json_text(found.to_dict() | dict(known)))
     _draw(found, plot)
     return table, numbers, plot
+
+
+@dataclass(frozen=True)
+class StoredWatch:
+    """Result of a watched series as read from its file.
+
+    Attributes
+    ----------
+    file
+        The file.
+    psf
+        H whose validity was tested.
+    verdict
+        Verdict on H, as one sentence.
+    first_moved
+        Index of the first frame that differs significantly from the calibration; None without a drift.
+    frames
+        Drift, goodness of fit, alarm and problem of each frame, in the order of the series.
+    """
+
+    file: Path
+    psf: Path
+    verdict: str
+    first_moved: int | None
+    frames: tuple[Mapping[str, Any], ...]
+
+    @property
+    def recalibrated(self) -> Path:
+        """Folder with the recalibrated camera and its H, which exists only if recalibration was requested."""
+        return self.file.with_name(RECALIBRATED)
+
+
+def read_watch(path: Path) -> StoredWatch:
+    """Return the result of a watched series; ``path`` is the file of numbers or its folder.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be read.
+    InputError
+        If it is not the result of a watched series.
+    """
+    file = path / NAMES[1] if path.is_dir() else path
+    try:
+        said = json.loads(read_text(file))
+        moved = said["first_moved"]
+        frames = tuple(dict(one) for one in said["frames"])
+        return StoredWatch(file, Path(said["task"]["psf"]), str(said["verdict"]), moved and int(moved), frames)
+    except (KeyError, TypeError, ValueError):
+        raise InputError.expected(str(file), "the result of lfcal watch", "another file", "run lfcal watch") from None
 
 
 def _table(found: DriftWatch) -> str:

@@ -155,6 +155,17 @@ class DriftWatch:
         return tuple(one for one in self.frames if one.problem and one.goodness is not None)
 
     @property
+    def first_moved(self) -> int | None:
+        """Index of the first frame of the series that differs significantly from the calibration; None without a drift.
+
+        If only the mean of all frames differs significantly, this is 0.
+        """
+        if not self.moved:
+            return None
+        names = [one.name for one in self.frames]
+        return min((names.index(self.means[k].frames[0]) for k in self.significant), default=0)
+
+    @property
     def holds(self) -> bool | None:
         """Whether H is still valid.
 
@@ -194,7 +205,11 @@ class DriftWatch:
         return f"{rate}, from {n} quiet frames and an F distribution with 3 and {n - 3} degrees of freedom"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return verdict, frames, tests, drift and trends as plain JSON types."""
+        """Return verdict, frames, tests, drift and trends as plain JSON types.
+
+        ``alarm`` of a frame is that of the mean which contains it; None if the frame is not used.
+        """
+        tested = {name: one.alarm for one in self.means for name in one.frames}
         found: dict[str, Any] = plain(
             {
                 "format": FORMAT,
@@ -204,7 +219,8 @@ class DriftWatch:
                 "rate": self.rate,
                 "threshold": self.threshold,
                 "basis": self.basis,
-                "frames": [_frame_dict(one) for one in self.frames],
+                "first_moved": self.first_moved,
+                "frames": [_frame_dict(one) | {"alarm": tested.get(one.name)} for one in self.frames],
                 "quiet": [_frame_dict(one) for one in self.quiet],
                 "means": [
                     {"frames": one.frames, **_named(one.values, one.sigmas)}

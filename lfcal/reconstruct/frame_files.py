@@ -251,6 +251,7 @@ def saving(
     *,
     grid: MetricGrid | None,
     times_s: Sequence[float | None],
+    of_frames: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Iterator[Save]:
     """Yield a function that saves the volume of a frame, either to a separate file or to a file for all frames.
 
@@ -273,7 +274,10 @@ def saving(
         Grid of voxels of one size to which volumes are resampled. None: no resampling.
     times_s
         Time of each frame (s); None for unknown times.
+    of_frames
+        Additional metadata of each frame, by its name. None: there are none.
     """
+    own = of_frames or {}
     depths = P.known_depths
     origin = None if grid is None else grid.origin_um
     if grid is not None:
@@ -286,7 +290,11 @@ def saving(
     if len(files) == 1 and len(targets) > 1:
         known = [float(t) for t in times_s if t is not None]
         times = known if len(known) == len(targets) else None
-        facts = VolumeFacts(depths, voxel, {**details, "frames": list(targets)}, origin, times)
+        listed = {
+            key: [own.get(name, {}).get(key) for name in targets]
+            for key in sorted({k for v in own.values() for k in v})
+        }
+        facts = VolumeFacts(depths, voxel, {**details, **listed, "frames": list(targets)}, origin, times)
         with write_volumes(files[0], (len(targets), *shape), facts) as add:
             nothing = np.broadcast_to(np.float32(np.nan), shape)
             yield lambda _, volume, known: add(nothing if volume is None else placed(volume))
@@ -299,7 +307,7 @@ def saving(
             return
         time = times_of[name]
         times = None if time is None else [time]
-        facts = VolumeFacts(depths, voxel, {**details, "frame": name, **known}, origin, times)
+        facts = VolumeFacts(depths, voxel, {**details, "frame": name, **own.get(name, {}), **known}, origin, times)
         with write_volumes(targets[name], shape, facts) as add:
             add(placed(volume))
 

@@ -148,7 +148,13 @@ class FrameRun:
         return known
 
     def iter_volumes(
-        self, targets: Mapping[str, Path], out: Path, details: Mapping[str, Any], run: RunChoice | None = None
+        self,
+        targets: Mapping[str, Path],
+        out: Path,
+        details: Mapping[str, Any],
+        run: RunChoice | None = None,
+        *,
+        of_frames: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> Work[tuple[FrameResult, ...]]:
         """Reconstruct and save the frames, and return their results.
 
@@ -164,11 +170,13 @@ class FrameRun:
         run
             Where and how to run the work units, one per frame. None: reconstruct one frame after another in this
             thread, with only one volume in memory.
+        of_frames
+            Additional metadata of each frame, by its name. None: there are none.
         """
         grid = self._grid
         sides = voxel_um(self.matrices[0]) if grid is None else (grid.voxel_um, grid.voxel_um)
         times, said = [frame.time_s for frame in self.frames], {**self.details, **details}
-        how: dict[str, Any] = {"grid": grid, "times_s": times}
+        how: dict[str, Any] = {"grid": grid, "times_s": times, "of_frames": of_frames}
         saved = partial(saving, self.projector, sides, targets, said, self.volume_shape, **how)
         if run is not None:
             return (yield from self._iter_units(out, run, saved))

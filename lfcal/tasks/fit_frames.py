@@ -69,6 +69,7 @@ class Recalibrate(Task):
     """
 
     name: ClassVar[str] = "fit frames"
+    resumes: ClassVar[bool] = True
 
     frames: tuple[Path, ...] = required(
         "Frames of unknown structured objects: files, or folders of frames.", argument=True, file="in"
@@ -135,6 +136,7 @@ class Recalibrate(Task):
     def work(self, run: RunSettings | None = None) -> Work[tuple[Recalibrated, ...]]:
         """Read the frames and recalibrate the camera. If it explains the frames, write the results."""
         from lfcal.recalibrate import iter_recalibrate, iter_write_recalibration
+        from lfcal.work import discard
 
         workers = run.workers if run else None
         plan = self._plan()
@@ -142,14 +144,30 @@ class Recalibrate(Task):
         with ExitStack() as stack:
             reading = ObjectFrameReading(plan, self.orientation, self.channel, self.corrections)
             frames = list(reading.frames(self.frames, stack))
+            steps = self._steps(run or RunSettings())
             work = iter_recalibrate(
-                frames, plan, noise=self.noise, unknowns=groups, windows=self.windows, workers=workers
+                frames, plan, noise=self.noise, unknowns=groups, windows=self.windows, workers=workers, steps=steps
             )
             found = yield from work
         known = {"sources": [path.name for path in self.frames], "task": self.to_dict(absolute=True, outputs=False)}
         writing = iter_write_recalibration(found, self.out, known, with_h=self.write_h, workers=workers)
         files = yield from writing
+        discard(steps)
         return (Recalibrated(found=found, out=self.out, files=files),)
+
+    def _steps(self, run: RunSettings) -> Path:
+        """Return the folder for finished steps, without those of an earlier run unless it is continued."""
+        from lfcal.work import discard, parts_folder
+
+        found = parts_folder(self.out)
+        if run.force and not run.resume:
+            discard(found)
+        if found.exists() and not run.resume:
+            raise InputError(
+                f"{found}: contains the finished steps of a stopped run; continue from them (--resume), or start again "
+                "(--force)"
+            )
+        return found
 
     def _plan(self) -> ScanPlan:
         """Return the scan with the described camera."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -26,6 +26,7 @@ from lfcal.records import (
     required,
     solver_kind,
 )
+from lfcal.tasks._watched_series import WatchedSeries
 from lfcal.tasks.matrices import check_mat_files, mat_order_field, note_opened, report_missing, with_task
 from lfcal.tasks.outputs import check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
@@ -325,7 +326,9 @@ class Reconstruct(_ReconstructTo):
         """Reconstruct the volume of the frame, and write it."""
         return self._iter_volumes(run or RunSettings(), "", warm=False)
 
-    def _iter_volumes(self, run: RunSettings, suffix: str, *, warm: bool) -> Work[tuple[Reconstructed, ...]]:
+    def _iter_volumes(
+        self, run: RunSettings, suffix: str, *, warm: bool, watched: WatchedSeries | None = None
+    ) -> Work[tuple[Reconstructed, ...]]:
         from lfcal.frames import split_dataset
         from lfcal.reconstruct import frames_of, targets_of
 
@@ -334,14 +337,25 @@ class Reconstruct(_ReconstructTo):
         if suffix:
             outs = dict.fromkeys(targets.values())
             check_outputs(outs, *self.files("in"), force=may_replace(self.out, run))
+        results: tuple[FrameResult, ...] = ()
         with ExitStack() as stack:
-            found = self._prepare(stack, run.workers, warm=warm)
-            choice, details = run.choice(self.out, found.seconds, "frame by frame"), with_task(self, *found.matrices)
-            results = yield from found.iter_volumes(targets, self.out, details, choice)
+            for psf, own in [(None, frames)] if watched is None else watched.parts:
+                task = self if psf is None else replace(self, psf=psf)
+                found = replace(task._prepare(stack, run.workers, warm=warm), frames=own)
+                out = self.out if psf is None else self._out_after_drift
+                choice, details = run.choice(out, found.seconds, "frame by frame"), with_task(self, *found.matrices)
+                how = {"of_frames": watched.of_frames if watched else None}
+                files = {one.name: targets[one.name] for one in own}
+                results += yield from found.iter_volumes(files, out, details, choice, **how)
             P, shape = found.projector, found.volume_shape
         return (
             Reconstructed(method=P.method, forecast=str(P.forecast()), shape=shape, results=results, files=targets),
         )
+
+    @property
+    def _out_after_drift(self) -> Path:
+        """Path next to which the units of frames after a drift are stored."""
+        return self.out.with_name(f"{self.out.name}.recalibrated")
 
 
 @record
@@ -354,6 +368,31 @@ class ReconstructSeries(Reconstruct):
         ".tif", "Format of the files in a folder of volumes.", label="File format", choices=FORMATS, more=True
     )
     warm: bool = _warm()
+    watch: Path | None = opt(
+        None,
+        "Result of lfcal watch for these frames with this H: its folder, or watch.json. Drift and alarm of each "
+        "frame are stored with its volume.",
+        label="Check of H",
+        file="in",
+        empty="volumes do not state whether H was still valid",
+        more=True,
+    )
+    recalibrated: bool = opt(
+        False,
+        "From the first frame with a drift on, use the H that lfcal watch --recalibrate computed.",
+        label="Use the recalibrated H",
+        more=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field and the combinations that exclude each other."""
+        super().__post_init__()
+        if not self.recalibrated:
+            return
+        if self.watch is None:
+            raise InputError.expected("--recalibrated", "a result of lfcal watch", "none", "state its folder (--watch)")
+        if self.regions:
+            raise InputError.expected("--recalibrated", "H of one region", "--region", "leave one of them out")
 
     def _whole(self) -> bool:
         """Whether all volumes are written to one file."""
@@ -368,6 +407,24 @@ class ReconstructSeries(Reconstruct):
         """
         return () if way == "out" and not self._whole() else super().files(way)
 
+    def unit_outputs(self) -> tuple[Path, ...]:
+        """Return the paths next to which the volumes of a stopped run are stored."""
+        return (self.out, self._out_after_drift) if self.recalibrated else (self.out,)
+
+    def _watched(self) -> WatchedSeries | None:
+        """Return the result of ``lfcal watch`` for the frames, if one is given."""
+        from lfcal.reconstruct import frames_of
+
+        if self.watch is None:
+            return None
+        found = WatchedSeries.read(self.watch, self.psf, frames_of(self.frames), recalibrated=self.recalibrated)
+        if self._whole() and len(found.parts) > 1:
+            raise InputError.expected(
+                "output for two H", "a folder", self.out.name, "choose a folder, because each H has its own metadata"
+            )
+        found.report()
+        return found
+
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
         """Reconstruct the frames and write their volumes; without units, process one frame after the other."""
         if self.format != ".tif" and self._whole():
@@ -377,7 +434,8 @@ class ReconstructSeries(Reconstruct):
                 self.out.name,
                 "choose a folder (--out), or leave the format out (--format)",
             )
-        return self._iter_volumes(run or RunSettings(), "" if self._whole() else self.format, warm=self.warm)
+        suffix = "" if self._whole() else self.format
+        return self._iter_volumes(run or RunSettings(), suffix, warm=self.warm, watched=self._watched())
 
 
 @record

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,10 +16,13 @@ from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.fit import Setup
-    from lfcal.recalibrate import Contents, DriftWatch
+    from lfcal.fit import NewFrame, Setup
+    from lfcal.recalibrate import Contents, DriftWatch, Recalibration
 
 __all__ = ["WATCH", "Watch", "Watched"]
+
+MOST_FRAMES = 3
+"""Largest number of frames on which the camera is recalibrated."""
 
 COMPARED = 4
 """Number of patterns of H that are compared with its camera."""
@@ -29,10 +33,13 @@ class Watched(TaskResult):
     """Whether H is still valid for the frames of a series, and the files of the result.
 
     ``found`` contains the tests of all frames, and ``files`` are the files written; empty without an output folder.
+    ``recalibration`` is the camera recalibrated on frames that differ from the calibration; None if it was not
+    requested, or is not needed.
     """
 
     found: DriftWatch
     files: tuple[Path, ...]
+    recalibration: Recalibration | None = None
 
     @property
     def failed(self) -> bool:
@@ -40,7 +47,8 @@ class Watched(TaskResult):
         return self.found.holds is not True
 
     def _values(self) -> dict[str, Any]:
-        return self.found.to_dict() | {"files": list(self.files)}
+        fit = self.recalibration
+        return self.found.to_dict() | {"files": list(self.files), "recalibration": None if fit is None else fit.verdict}
 
 
 @record
@@ -89,26 +97,39 @@ class Watch(Task):
     rate: float = opt(
         0.01, "Probability of a false alarm in each test.", label="False alarms", above=0, below=0.5, read=read_share
     )
+    recalibrate: bool = opt(
+        False,
+        "If H is no longer valid, recalibrate the camera on the first frames that show it, as lfcal fit frames does. "
+        "The camera and its H are written to the folder recalibrated in the output folder.",
+        label="Recalibrate after a drift",
+    )
     windows: int | None = windows_field("in which the frames are compared with H")
     noise: tuple[float, float] | None = noise_field("as stated by the frames")
     orientation: str = turn_field()
     channel: str = channel_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
+    def __post_init__(self) -> None:
+        """Check every field, and that recalibration has an output folder."""
+        super().__post_init__()
+        if self.recalibrate and self.out is None:
+            raise InputError.expected("--recalibrate", "an output folder", "none", "state the folder (--out)")
+
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
 
         The files to write are those in the folder ``out``; there are none without it.
         """
-        from lfcal.recalibrate import watch_outputs
+        from lfcal.recalibrate import RECALIBRATED, recalibration_outputs, watch_outputs
 
         if way == "out":
-            return () if self.out is None else watch_outputs(self.out)
+            more = recalibration_outputs(self.out / RECALIBRATED) if self.out and self.recalibrate else ()
+            return () if self.out is None else (*watch_outputs(self.out), *more)
         return (*super().files(way), self._h())
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Watched, ...]]:
         """Measure the drift in each frame, or each average of ``mean`` frames, and write the files if requested."""
-        from lfcal.recalibrate import iter_watch, write_watch
+        from lfcal.recalibrate import RECALIBRATED, iter_watch, iter_write_recalibration, write_watch
 
         setup, plan, contents = self._described()
         reading = ObjectFrameReading(plan, self.orientation, self.channel, self.corrections)
@@ -128,7 +149,34 @@ class Watch(Task):
                 workers=run.workers if run else None,
             )
             found = yield from work
-        return (Watched(found=found, files=() if self.out is None else write_watch(found, self.out)),)
+            fit = yield from self._iter_recalibrated(found, frames, setup, plan, run)
+        known = {"task": self.to_dict(absolute=True, outputs=False)}
+        files = () if self.out is None else write_watch(found, self.out, known)
+        if fit is not None and self.out is not None:
+            workers = run.workers if run else None
+            files += yield from iter_write_recalibration(fit, self.out / RECALIBRATED, known, workers=workers)
+        return (Watched(found=found, files=files, recalibration=fit),)
+
+    def _iter_recalibrated(
+        self, found: DriftWatch, frames: Sequence[NewFrame], setup: Setup, plan: ScanPlan, run: RunSettings | None
+    ) -> Work[Recalibration | None]:
+        """Return the camera recalibrated on the first frames that differ from the calibration, if requested."""
+        from lfcal.recalibrate import iter_recalibrate
+
+        if not self.recalibrate or found.first_moved is None:
+            return None
+        later = range(found.first_moved, len(frames))
+        used = [k for k in later if not found.frames[k].problem][:MOST_FRAMES]
+        depths = tuple(z + error for z, error in zip(plan.depths_um, setup.depth_errors_um, strict=True))
+        work = iter_recalibrate(
+            [frames[k] for k in used],
+            replace(plan, depths_um=depths),
+            noise=self.noise,
+            effects=setup.effects,
+            windows=self.windows,
+            workers=run.workers if run else None,
+        )
+        return (yield from work)
 
     def _h(self) -> Path:
         """Return the H file."""

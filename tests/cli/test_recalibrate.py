@@ -8,8 +8,10 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -17,10 +19,13 @@ import tifffile
 from lfcal.base import InputError
 from lfcal.camera import Camera
 from lfcal.fit import NewFrame
+from lfcal.frames import CorrectionRecipe
 from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal.reconstruct import load_volume
+from lfcal.tasks import RunSettings, Watch
 from tests.cli.conftest import Lfcal, Run
 from tests.judge.test_check import AT, changed, new_frame, plan_of, setup_of, values
-from tests.recalibrate.common import WRONG, beads, frame_of, small_h, small_plan
+from tests.recalibrate.common import WRONG, beads, frame_of, small_h, small_plan, true_setup
 from tests.recalibrate.test_watch import PLAN, SETUP, drifted, frame
 
 # -- ``lfcal fit check``: whether an old H still holds, as a user asks it --
@@ -454,3 +459,81 @@ def test_what_cannot_be_watched_is_refused(lfcal: Lfcal, watched: Path) -> None:
     ):
         run = lfcal("watch", *words.split(), *GIVEN, "-o", "bad").refused()
         assert message in run.err.replace("\\", "/") and not (watched / "bad").exists(), (words, run.err)
+
+
+LARGER = small_plan((2.4,), 66)  # recalibration needs more pixels than a check
+
+
+@pytest.fixture(scope="module")
+def knocked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder after a watch of two quiet and three shifted frames, with the recalibrated camera."""
+    folder, setup = tmp_path_factory.mktemp("knock"), true_setup(LARGER)
+    sensor = replace(setup.camera.sensor, bit_depth=16, full_well_e=65535.0, black_level=100.0, saturation=None)
+    for name in ("monday", "series", "moved"):
+        (folder / name).mkdir()
+    save(small_h(LARGER, replace(setup, camera=replace(setup.camera, sensor=sensor))), folder / "monday" / "H.h5")
+    for k in (30, 31, 40, 41, 42):
+        page = stored(frame(drifted(0.08 * (k >= 40), plan=LARGER), k, plan=LARGER).values)
+        for name in ("series", "moved")[: 1 + (k >= 40)]:
+            tifffile.imwrite(folder / name / f"{k}.tif", page)
+    task = Watch(
+        psf=folder / "monday",
+        frames=(folder / "series",),
+        out=folder / "knock",
+        noise=(9.0, 1.0),
+        recalibrate=True,
+        corrections=CorrectionRecipe(black_level=100),
+    )
+    (made,) = task.run(RunSettings(workers=2))
+    assert made.failed and made.found.first_moved == 2, made.found.verdict
+    assert made.recalibration.accepted, made.recalibration.verdict
+    return folder
+
+
+def details(path: Path) -> dict[str, Any]:
+    with h5py.File(path) as file:
+        found: dict[str, Any] = json.loads(str(file.attrs["details"]))
+    return found
+
+
+RECONSTRUCT = ("--resample", "never", "--solver", "rl", "--iterations", 2, "--margin", 0)
+
+
+def test_a_series_uses_the_recalibrated_h_after_a_drift(lfcal: Lfcal, knocked: Path) -> None:
+    place = knocked
+    moved = json.loads((place / "knock/recalibrated/camera.json").read_text())["lattice"]["offset_um"]
+    before = true_setup(LARGER).camera.lattice.offset_um
+    assert (moved[0] - before[0]) / SETUP.camera.sensor.pixel_um == pytest.approx(0.08, abs=0.015)
+    given = ("reconstruct", place / "monday/H.h5", place / "series", *RECONSTRUCT, "--format", ".h5")
+    run = lfcal(*given, "-o", place / "volumes", "--watch", place / "knock", "--recalibrated").ok()
+    assert "H is no longer valid: shift x +0.0" in run.err and "from 40 on, frames are reconstructed with" in run.err
+    lfcal(*given, "-o", place / "old", "--watch", place / "knock/watch.json").ok()
+    lfcal(*given, "-o", place / "plain").ok()
+    for name, alarm in (("30", False), ("31", False), ("40", True), ("42", True)):
+        said, old = (details(place / folder / f"{name}.h5")["watch"] for folder in ("volumes", "old"))
+        assert (said["alarm"], said["recalibrated"]) == (alarm, alarm) and not old["recalibrated"]
+        assert said["shift_x_px"] == pytest.approx(0.08 * alarm, abs=0.03) and old["name"] == f"{name}.tif"
+        volume, unchanged, plain = (
+            load_volume(place / folder / f"{name}.h5") for folder in ("volumes", "old", "plain")
+        )
+        np.testing.assert_array_equal(unchanged, plain)
+        assert np.array_equal(volume, plain) is not alarm
+    assert details(place / "volumes/40.h5")["task"]["watch"] and "watch" not in details(place / "plain/40.h5")
+    lfcal(*given[:3], *RECONSTRUCT, "-o", place / "all.h5", "--watch", place / "knock").ok()
+    assert [one["alarm"] for one in details(place / "all.h5")["watch"]] == [False, False, True, True, True]
+
+
+def test_a_check_of_other_frames_or_another_h_is_refused(lfcal: Lfcal, knocked: Path) -> None:
+    place = knocked
+    shutil.copy(place / "monday/H.h5", place / "another.h5")
+    for psf, frames, options, message in (
+        ("another.h5", "series", ("--watch", "knock"), "reconstruct with that H"),
+        ("monday/H.h5", "moved", ("--watch", "knock"), "the 3 frames of the series, got 5 frames, the first 30.tif"),
+        ("monday/H.h5", "series", ("--recalibrated",), "--recalibrated: expected a result of lfcal watch"),
+        ("monday/H.h5", "series", ("--watch", "knock/watch.csv"), "expected the result of lfcal watch"),
+    ):
+        given = [place / one if one.startswith("knock") else one for one in options]
+        lfcal("reconstruct", place / psf, place / frames, *RECONSTRUCT, "-o", place / "no", *given).refused(message)
+    words = ("reconstruct", place / "monday/H.h5", place / "series", *RECONSTRUCT, "-o", place / "no.h5")
+    lfcal(*words, "--watch", place / "knock", "--recalibrated").refused("output for two H: expected a folder")
+    lfcal("watch", place / "monday", place / "series", *GIVEN, "--recalibrate").refused("expected an output folder")

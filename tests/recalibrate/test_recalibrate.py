@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from lfcal.base.notes import notes_to
 from lfcal.camera import NoLatticeError, ScanPlan, preset
 from lfcal.fit import NewFrame
 from lfcal.fit.model import Fineness
-from lfcal.recalibrate import Recalibration, recalibrate
+from lfcal.recalibrate import Recalibration, iter_recalibrate, recalibrate
 from lfcal.recalibrate._frames import distinct_label
 from lfcal.recalibrate._patterns import every_voxel, patterns_at
 from lfcal.recalibrate.score import Goodness
@@ -32,6 +33,7 @@ from tests.recalibrate.common import (
 
 PLAN = small_plan()
 MODULE = importlib.import_module("lfcal.recalibrate._frames")
+FIT, WINDOW = (importlib.import_module(f"lfcal.recalibrate.{name}") for name in ("recalibrate", "_window"))
 
 
 def fitted(*frames: NewFrame, **options: object) -> Recalibration:
@@ -185,10 +187,58 @@ def test_frames_that_cannot_be_used_are_refused(monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(NoLatticeError, match="recalibration on frames"):
         recalibrate([frame], plan)
     monkeypatch.setattr(MODULE, "free_memory", lambda: 1_000_000)
-    with pytest.raises(InputError, match=r"memory for the patterns of a window: expected at least .* got 1.0 MB free"):
+    with pytest.raises(
+        InputError, match=r"memory for the patterns of a window: expected at least .* got 800.0 kB that"
+    ):
         fitted(frame)
 
 
 def test_frames_with_one_label_get_different_labels() -> None:
     assert distinct_label("a.tif", ["b.tif"]) == "a.tif"
     assert distinct_label("a.tif", ["a.tif", "b.tif", "a.tif (2)"]) == "a.tif (3)"
+
+
+def test_windows_become_smaller_if_memory_is_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = small_plan(side=900)
+    full, least = 4 * 2 * 120**2 * 21**2, 4 * 2 * 60**2 * 21**2
+    for free, copies, every, count, side in (
+        (0, 1.25, False, 5, 140),  # unknown
+        (1.25 * full / 0.8, 1.25, False, 5, 140),
+        (0.6 * full / 0.8, 1.0, False, 5, 110),
+        (least / 0.8, 1.0, False, 5, 80),
+        (5 * full / 0.8, 1.0, True, 5, 140),
+        (full / 0.8, 1.0, True, 1, 140),  # one large window instead of five
+    ):
+        monkeypatch.setattr(MODULE, "free_memory", lambda free=free: int(free) + 1 if free else 0)
+        found = MODULE.windows_within(plan, None, copies, every=every)
+        assert (len(found), found[0].shape) == (count, (side, side)), (free, every)
+    monkeypatch.setattr(MODULE, "free_memory", lambda: least)
+    with pytest.raises(InputError, match="memory for the patterns of a window"):
+        MODULE.windows_within(plan, None, 1.0, every=False)
+
+
+def test_a_stopped_fit_continues_from_its_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    plan = small_plan(side=100)
+    frame, notes = frame_of(plan, beads(plan, 8, 40), 8), list[str]()
+    monkeypatch.setattr(FIT, "ROUNDS", ((8, Fineness.coarse, 0.9), (8, Fineness.coarse, 0.0)))
+    settings = {"unknowns": GROUPS, "windows": 2, "workers": 2}
+    monkeypatch.setattr(WINDOW, "CORNERS", ((0.0, 0.0), (1.0, 1.0)))
+    monkeypatch.setattr(MODULE, "SIDES", (40,))
+    whole = recalibrate([frame], plan, **settings)
+    work = iter_recalibrate([frame], plan, steps=tmp_path / "steps", **settings)
+    with notes_to(notes.append):
+        for _ in range(4):  # three windows of the first two rounds
+            next(work)
+    work.close()
+    assert any("2 windows of 80 x 80 px, about " in one and "memory" in one for one in notes), notes
+    assert sorted(one.name for one in (tmp_path / "steps").iterdir())[1:] == [f"step_{k:04d}.npz" for k in (1, 2, 3)]
+    scored = FIT._Run._scored
+    made: list[int] = []
+    monkeypatch.setattr(FIT._Run, "_scored", lambda *given: made.append(1) or scored(*given))
+    again = recalibrate([frame], plan, steps=tmp_path / "steps", **settings)
+    assert len(made) == 1 and again.goodness == whole.goodness
+    assert {name: one.value for name, one in again.parameters.items()} == {
+        name: one.value for name, one in whole.parameters.items()
+    }
+    with pytest.raises(InputError, match="stored steps: expected those of a fit with the same frames and settings"):
+        recalibrate([replace(frame, values=frame.values + 1)], plan, steps=tmp_path / "steps", **settings)

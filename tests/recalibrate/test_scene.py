@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,7 +65,7 @@ def test_sums_are_the_transpose_of_images() -> None:
     for weight, (_, y, x), value in zip(volume.T, places, values, strict=True):
         plain[:, y : y + 5, x : x + 7] += weight[:, None, None] * value
     for workers in (1, 3):
-        patterns = VoxelPatterns(places, np.zeros((30, 2)), values, (9 + 4, 9 + 6), workers)
+        patterns = VoxelPatterns(places, np.zeros((30, 2)), values, np.arange(30), (9 + 4, 9 + 6), workers)
         found = patterns.images(volume)
         assert np.vdot(found, images) == pytest.approx(np.vdot(volume, patterns.sums(images)), rel=1e-5)
         assert found == pytest.approx(plain, rel=1e-5)
@@ -72,7 +74,7 @@ def test_sums_are_the_transpose_of_images() -> None:
 def test_results_do_not_depend_on_the_workers() -> None:
     patterns = true_patterns(small_plan())
     volume = np.random.default_rng(1).random((1, len(patterns)), np.float32)
-    alone = VoxelPatterns(patterns.places, patterns.offsets_px, patterns.values, patterns.shape, 3)
+    alone = replace(patterns, workers=3)
     assert np.array_equal(patterns.images(volume), alone.images(volume))
 
 

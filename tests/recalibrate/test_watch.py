@@ -28,18 +28,18 @@ SETUP = true_setup(PLAN)
 
 
 @cache
-def drifted(x_px: float = 0.0, y_px: float = 0.0, gap_percent: float = 0.0) -> VoxelPatterns:
+def drifted(x_px: float = 0.0, y_px: float = 0.0, gap_percent: float = 0.0, plan: ScanPlan = PLAN) -> VoxelPatterns:
     """Return H by the finest sampling, after a drift of the array."""
-    own, camera = the_window(PLAN).plan, SETUP.camera
-    pixel, gap = camera.sensor.pixel_um, camera.lattice.gap_um
-    vector = Vector(SETUP, ScanScales.of(own), ("geometry",))
+    own, setup = the_window(plan).plan, true_setup(plan)
+    pixel, gap = setup.camera.sensor.pixel_um, setup.camera.lattice.gap_um
+    vector = Vector(setup, ScanScales.of(own), ("geometry",))
     moved = {"offset_x_um": x_px * pixel, "offset_y_um": y_px * pixel, "gap_um": 0.01 * gap_percent * gap}
     return patterns_at(vector.setup_at(vector.at(moved)), own, every_voxel(own), Fineness.finest, 2)
 
 
-def frame(patterns: VoxelPatterns, seed: int, peak: float = 3000.0) -> NewFrame:
+def frame(patterns: VoxelPatterns, seed: int, peak: float = 3000.0, plan: ScanPlan = PLAN) -> NewFrame:
     rng = np.random.default_rng(seed)
-    light = patterns.images(beads(PLAN, seed)[None])[0]
+    light = patterns.images(beads(plan, seed)[None])[0]
     electrons = rng.poisson(light * peak / light.max() + 20) + 3 * rng.standard_normal(light.shape)
     return NewFrame(electrons.astype(np.float32), noise=(9.0, 1.0), label=f"{seed}.tif")
 

@@ -1,0 +1,82 @@
+"""Finished steps of a fit, stored in a folder, from which a stopped fit continues."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError, StorageError, read_text, replace_whole, write_text
+
+__all__ = ["Arrays", "Steps"]
+
+Arrays = Mapping[str, NDArray[Any]]
+"""Result of a step: arrays by name."""
+
+KEY = "fit.json"
+
+
+class Steps:
+    """Steps of a fit in their order; the result of a finished step is read instead of computed again.
+
+    Parameters
+    ----------
+    folder
+        Folder of the results, which is created if needed. None: nothing is stored.
+    key
+        Text that differs between fits to different frames or with different settings.
+    settings
+        Settings that the first run chooses, by name, as plain JSON types.
+
+    Attributes
+    ----------
+    settings
+        The settings that the first run has chosen.
+
+    Raises
+    ------
+    InputError
+        If the folder contains the steps of another fit.
+    StorageError
+        If the folder cannot be read or written.
+    """
+
+    def __init__(self, folder: Path | None, key: str, settings: Mapping[str, Any]) -> None:
+        self._folder, self._count, self.settings = folder, 0, dict(settings)
+        if folder is None:
+            return
+        file = folder / KEY
+        if not file.is_file():
+            folder.mkdir(parents=True, exist_ok=True)
+            write_text(file, json.dumps({"key": key, "settings": self.settings}))
+            return
+        known = json.loads(read_text(file))
+        if known["key"] != key:
+            raise InputError.expected(
+                f"{folder}, stored steps",
+                "those of a fit with the same frames and settings",
+                "those of another fit",
+                "repeat the same command, or start again (--force)",
+            )
+        self.settings = known["settings"]
+
+    def result(self, make: Callable[[], Arrays]) -> Arrays:
+        """Return the result of the next step, which ``make`` computes if it is not stored."""
+        self._count += 1
+        if self._folder is None:
+            return make()
+        file = self._folder / f"step_{self._count:04d}.npz"
+        if file.is_file():
+            try:
+                with np.load(file, allow_pickle=False) as stored:
+                    return dict(stored)
+            except (OSError, ValueError) as error:
+                raise StorageError(f"{file}: cannot be read ({error}); delete it, and continue (--resume)") from None
+        found = make()
+        with replace_whole(file) as part, part.open("wb") as out:
+            np.savez(out, **dict(found))
+        return found
