@@ -25,11 +25,11 @@ from tests.recalibrate.common import described, the_window
 SIDE, CUTOUT, DEPTHS = 110, 61, (-13.0, 8.0)
 FINE = 6
 """Samples per pixel."""
-PEAK = 6000.0
+PEAK = 3000.0
 """Brightest pixel (electrons)."""
-WRONG = {"gap_um": 40.0, "rotation_rad": 1e-3, "pitch_um": 0.1, "offset_y_um": 2.5, "offset_x_um": 2.5}
-WRONG |= {"focal_0_um": 25.0, "numerical_aperture": 0.02}
-"""Largest difference of the camera from its description: 1.6 % of the gap, 0.3 px, 1 % of f, 4 % of the aperture."""
+WRONG = {"gap_um": 60.0, "rotation_rad": 1e-3, "pitch_um": 0.1, "offset_y_um": 3.3, "offset_x_um": 3.3}
+WRONG |= {"focal_0_um": 40.0, "numerical_aperture": 0.02}
+"""Largest difference of the camera from its description: 2.4 % of the gap, 0.4 px, 1.6 % of f, 4 % of the aperture."""
 
 
 def small_microscope() -> ScanPlan:
@@ -86,13 +86,15 @@ def summed(setup: Setup, plan: ScanPlan, index: NDArray[np.intp]) -> NDArray[np.
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", (11, 12, 13))
 def test_h_of_a_microscope_is_found_on_one_frame_of_beads(seed: int) -> None:
     plan, rng = small_microscope(), np.random.default_rng(seed)
     own, start = the_window(plan).plan, described(plan)
     start = replace(start, effects=tuple(one for one in start.effects if one.name != "vectorial"))  # scalar light
     vector = Vector(start, ScanScales.of(own), DETERMINED)
-    true = vector.setup_at(vector.at({name: rng.uniform(-1, 1) * most for name, most in WRONG.items()}))
+    true = vector.setup_at(
+        vector.at({name: rng.choice((-1, 1)) * rng.uniform(0.6, 1) * most for name, most in WRONG.items()})
+    )
     ny, nx = own.period
     index = np.stack([rng.integers(low, high, 26) for low, high in ((0, 2), (3, ny - 3), (3, nx - 3))], axis=1)
     patterns, light = summed(true, plan=own, index=index), np.zeros((SIDE, SIDE))
@@ -110,4 +112,4 @@ def test_h_of_a_microscope_is_found_on_one_frame_of_beads(seed: int) -> None:
     before, floor, after = (error(one) for one in (start, true, found.setup))
     print(f"{seed}: {before:.3f} -> {after:.4f}, floor {floor:.4f}, {found.verdict}", found.notes)
     assert found.accepted, found.verdict
-    assert before > 0.15 and after < 0.015, (before, after, floor)
+    assert before > 0.2 and after < 0.015, (before, after, floor)

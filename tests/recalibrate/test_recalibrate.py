@@ -221,7 +221,8 @@ def test_a_stopped_fit_continues_from_its_steps(monkeypatch: pytest.MonkeyPatch,
     plan = small_plan(side=100)
     frame, notes = frame_of(plan, beads(plan, 8, 40), 8), list[str]()
     monkeypatch.setattr(FIT, "ROUNDS", ((8, Fineness.coarse, 0.9), (8, Fineness.coarse, 0.0)))
-    settings = {"unknowns": GROUPS, "windows": 2, "workers": 2}
+    monkeypatch.setattr(FIT, "_remedies", lambda plan: [])
+    settings = {"unknowns": ("iris",), "windows": 2, "workers": 2}
     monkeypatch.setattr(WINDOW, "CORNERS", ((0.0, 0.0), (1.0, 1.0)))
     monkeypatch.setattr(MODULE, "SIDES", (40,))
     whole = recalibrate([frame], plan, **settings)
