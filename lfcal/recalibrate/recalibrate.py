@@ -339,6 +339,8 @@ class _At:
     information: F8
     goodness: dict[str, Goodness]
     contents: Contents
+    grid: F8
+    """Error of the unknowns because objects are not on the grid of voxels, as far as it is known."""
 
     @property
     def worst(self) -> float:
@@ -415,7 +417,7 @@ class _Run:
                 one = Goodness(*value)
                 goodness[frame.name] = max(one, goodness.get(frame.name, one))
             yield clock.at(len(ROUNDS) * len(models) + k + 1)
-        return _At(u, total.information, goodness, contents)
+        return _At(u, total.information, goodness, contents, np.zeros(count))
 
     def _scored(self, model: WindowModel, u: F8, how: Round, earlier: F4 | None) -> Arrays:
         """Return the score of the frames in a window in a round, and the derivatives if they were computed again."""
@@ -437,7 +439,9 @@ class _Run:
     def _iter_remedied(self, at: _At) -> Work[tuple[_At, tuple[str, ...]]]:
         """Return the first fit with a remedy that explains the frames, otherwise ``at``, and what it shows, in words.
 
-        A fit with wrong assumptions moves the camera away, so each remedy needs a fit from the start.
+        A fit with wrong assumptions moves the camera away, so each remedy needs a fit from the start. The error due to
+        the grid of voxels decreases at least in proportion to their distance, so what is left with voxels of half a
+        pixel is at most the difference from the fit with whole ones.
         """
         best, reason, untried = at, "", ""
         for one in _remedies(self.plan):
@@ -446,6 +450,8 @@ class _Run:
             except (InputError, EnergyError) as error:  # the engine cannot compute these planes, or memory is short
                 untried += f"; not tried: {one.remedy} ({error})"
                 continue
+            if one.contents.halves:
+                again = replace(again, grid=np.abs(again.u - at.u))
             if again.worst <= ALARM:
                 return again, (f"{one.reason}; the fit was repeated with {one.remedy}",)
             if again.worst - 1 < HELPS * (best.worst - 1):
@@ -459,7 +465,7 @@ class _Run:
     def _summary(self, at: _At, words: tuple[str, ...]) -> Recalibration:
         information = at.information[:-1, :-1]
         modes = Modes.of(information, self.precision)
-        sigmas = np.sqrt(np.diag(modes.covariance) * max(1.0, at.worst))
+        sigmas = np.hypot(np.sqrt(np.diag(modes.covariance) * max(1.0, at.worst)), at.grid)
         along = -modes.estimate(at.information[:-1, -1])
         found, scale = {}, {}
         for k, one in enumerate(self.vector.unknowns):

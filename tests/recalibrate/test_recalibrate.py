@@ -10,14 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.base import InputError
+from lfcal.base import InputError, Work, drain
 from lfcal.base.notes import notes_to
 from lfcal.camera import NoLatticeError, ScanPlan, preset
 from lfcal.fit import NewFrame
 from lfcal.fit.model import Fineness
-from lfcal.recalibrate import Recalibration, iter_recalibrate, recalibrate
+from lfcal.fit.parameters import ScanScales, Vector
+from lfcal.recalibrate import Contents, Recalibration, iter_recalibrate, recalibrate
 from lfcal.recalibrate._frames import distinct_label
 from lfcal.recalibrate._patterns import every_voxel, patterns_at
+from lfcal.recalibrate._steps import Steps
 from lfcal.recalibrate.score import Goodness
 from tests.recalibrate.common import (
     GROUPS,
@@ -243,3 +245,35 @@ def test_a_stopped_fit_continues_from_its_steps(monkeypatch: pytest.MonkeyPatch,
     }
     with pytest.raises(InputError, match="stored steps: expected those of a fit with the same frames and settings"):
         recalibrate([replace(frame, values=frame.values + 1)], plan, steps=tmp_path / "steps", **settings)
+
+
+def test_sigmas_include_the_error_of_the_grid_of_voxels(monkeypatch: pytest.MonkeyPatch) -> None:
+    vector = Vector(described(PLAN), ScanScales.of(the_window(PLAN).plan), GROUPS)
+    run, n = FIT._Run([], PLAN, vector, Steps(None, "", {}), 1), len(vector)
+
+    def fit(contents: Contents, stage: str) -> Work[object]:
+        ratio = 1.0 if contents.halves else 1.2
+        yield from ()
+        u = np.full(n, float(contents.halves))
+        return FIT._At(u, 1e4 * np.eye(n + 1), {"beads": Goodness(ratio, 1e4)}, contents, np.zeros(n))
+
+    monkeypatch.setattr(run, "_iter_fit", fit)
+    found = run._summary(*drain(run._iter_remedied(drain(fit(Contents(PLAN.depths_um), "")))))
+    assert found.accepted and found.contents.halves and "voxels of half a pixel" in found.remedies[0]
+    scales = {one.name: one.scale for one in vector.unknowns}
+    for name, one in found.parameters.items():  # the fits with whole and half voxels differ by one scale
+        assert scales[name] <= one.sigma < 1.1 * scales[name], name
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [31, 32])
+def test_points_between_the_voxels_have_errors_as_stated(seed: int) -> None:
+    rng, count, own = np.random.default_rng(seed), 15, the_window(PLAN).plan
+    ny, nx = own.period
+    places = np.stack([rng.integers(low, high, count) for low, high in ((0, 2), (3, ny - 3), (3, nx - 3))], axis=1)
+    points = patterns_at(true_setup(PLAN), own, (places, rng.uniform(-0.5, 0.5, (count, 2))), Fineness.finest, 1)
+    light = points.images(rng.uniform(0.3, 1, (1, count)).astype(np.float32))[0]
+    found = fitted(shot_noise(light, seed))
+    pulls = [(one.value - one.start - WRONG.get(name, 0)) / one.sigma for name, one in found.parameters.items()]
+    print(seed, found.verdict, found.remedies, pulls)
+    assert not found.accepted or np.sqrt(np.mean(np.square(pulls))) < 1.5, pulls
