@@ -40,6 +40,7 @@ from lfcal_gui.pages.multiplex.model_scene import iter_reconstruct
 from lfcal_gui.pages.reconstruct.export_model import ExportSettings
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.simulate.model import SimulateSettings
+from lfcal_gui.pages.watch.model import WatchSettings
 from lfcal_gui.palette import Palette
 from lfcal_gui.window import MainWindow
 from tests.acquire.rigs import small_plan
@@ -54,6 +55,7 @@ CHOSEN = {
     "quality": QualitySettings(seconds=0.0),
     "simulate": SimulateSettings(tolerance=0.2, overrides=(("coma", "off"),)),
     "reconstruct": ReconstructSettings(iterations=2, background=1.0, threshold=0.01, anchor=(10.0, 11.5), device="cpu"),
+    "watch": WatchSettings(frames=("frame.tif",), options=(("mean", 3), ("noise", (64.0, 1.0)))),
     "multiplex": MultiplexSettings(family="mask", mask="MURA", size=11),
 }
 
@@ -106,7 +108,7 @@ def test_every_page_is_a_command_that_is_understood_and_a_script(project: Projec
 
 
 def test_a_page_says_what_its_command_lacks() -> None:
-    for key in ("acquire", "simulate", "frames", "h", "h checks", "h fit", "reconstruct", "depth"):
+    for key in ("acquire", "simulate", "frames", "h", "h checks", "h fit", "reconstruct", "depth", "watch"):
         page, _, part = key.partition(" ")
         with pytest.raises(InputError, match="expected"):
             step_of(SPECS[page], ProjectState(), part=part)

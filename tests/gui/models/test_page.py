@@ -17,7 +17,7 @@ from lfcal_gui.models.page import PAGES, PageSpec, PageState, available_pages, f
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.setup.model_scan import default_plan
 
-OWN = tuple("setup acquire frames h simulate reconstruct depth multiplex accuracy sessions".split())
+OWN = tuple("setup acquire frames h simulate reconstruct depth multiplex accuracy watch sessions".split())
 
 
 def ready(project: ProjectState) -> PageState:
