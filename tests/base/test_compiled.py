@@ -22,6 +22,10 @@ from lfcal.lattice._kernels import Support
 from lfcal.lattice._micro_image import light_of, mean_micro_image, place_lenslets
 from lfcal.psf._transpose import depth_sum, ht_slice, transpose
 from lfcal.psf.store import _rounded, _rounded_sums
+from lfcal.reconstruct.projectors._kernels import Tiling
+from lfcal.reconstruct.projectors._windows import add_windows, copy_windows, place_patterns
+from lfcal.reconstruct.solvers._em import _update_factors
+from lfcal.reconstruct.solvers.records import _sums
 from lfcal.simulate import simulate_psf
 from lfcal.simulate.engines._kernels import LensAperture, Split, fill_disc
 from lfcal.simulate.engines._polygon import regular, spectrum
@@ -66,6 +70,31 @@ def frequencies() -> Any:
     return spectrum(regular(7, 0.2), f, f)
 
 
+def added() -> Any:
+    image = np.ones((50, 60), np.float32)
+    add_windows(PLANE[1], image, Tiling(2, 3, 7, 9), 4)
+    return image
+
+
+def copied() -> Any:
+    windows = np.zeros((5, 21, 23), np.float32)
+    copy_windows(windows, WHITE, Tiling(1, 4, 8, 6), 3)
+    return windows
+
+
+def placed_patterns() -> Any:
+    band = np.full((5, 6, 18, 40), 7, np.float32)
+    place_patterns(PLANE, np.array([-30, -4, 3, 0, 18]), np.arange(6) * 3, band)
+    return band
+
+
+def factors() -> Any:
+    above, share, seen = PLANE[:3, 0]
+    out = np.empty_like(above)
+    _update_factors(above, share, seen, 0.2, out)
+    return out
+
+
 def simulated(workers: int = 1) -> Any:
     return simulate_psf(small_plan(cutout=31), "auto", "grid", tolerance=0.03, workers=workers).plane(0)
 
@@ -83,6 +112,11 @@ WORK: dict[str, tuple[Callable[..., Any], float]] = {
     "_edge_rows": (frequencies, 1e-13),
     "mask_from_disc": (disc, 1e-6),
     "respond": (simulated, 2e-6),
+    "overlap_add": (added, 0),
+    "gather_windows": (copied, 0),
+    "lay_patterns": (placed_patterns, 0),
+    "update_factors": (factors, 0),
+    "squares_of": (lambda: np.array(_sums(PLANE[0], PLANE[1])), 1e-13),
     "spot_pass": (lambda: spot_waves(PLANE[0], 0.5, WAVES), 1e-6),
     "step_pass": (lambda: _steps(PLANE, dark_corners(PLANE), 1), 1e-6),
 }

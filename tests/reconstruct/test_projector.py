@@ -218,8 +218,8 @@ def test_a_projector_is_pickled_by_its_file(tmp_path: Path) -> None:
 def test_dense_patterns_are_arranged_for_many_strips_at_once(monkeypatch):
     """Arranged again for each of 16 strips of the lattice, they took a tenth of the time."""
     laid = []
-    lay = direct.lay_patterns
-    monkeypatch.setattr(direct, "lay_patterns", lambda *a: (laid.append(a[3].nbytes), lay(*a)))
+    lay = direct.place_patterns
+    monkeypatch.setattr(direct, "place_patterns", lambda *a: (laid.append(a[3].nbytes), lay(*a)))
     H = np.random.default_rng(0).random((1, 7, 6, 31, 31), np.float32)
     P = Projector(H, (560, 480), method="direct", workers=1)
     P.adjoint(P.forward(np.ones(P.volume_shape, np.float32)))

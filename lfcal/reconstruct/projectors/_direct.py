@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import chunks, in_order, one_blas_thread, worker_count
-from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, lay_patterns, overlap_add
+from lfcal.reconstruct.projectors._kernels import Tiling
 from lfcal.reconstruct.projectors._planes import centre_of, runs_of_rows, trim
 from lfcal.reconstruct.projectors._reduction import Nodes, source_places
+from lfcal.reconstruct.projectors._windows import add_windows, copy_windows, place_patterns
 from lfcal.reconstruct.projectors.grid import Grid
 
 __all__ = [
@@ -226,7 +227,7 @@ class Direct:
                 windows = scratch.array("windows", (stop - first, *window))
                 np.matmul(by_cell[strip][first:stop, own], flat, out=windows.reshape(stop - first, -1))
                 # windows of neighbouring cells overlap, because a pattern is wider than the period
-                overlap_add(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
+                add_windows(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
 
     def _collect(
         self,
@@ -244,7 +245,7 @@ class Direct:
             flat = band.reshape(-1, math.prod(window)).T
             for strip, first, stop in self._blocks(by_cell, window):
                 windows = scratch.array("windows", (stop - first, *window))
-                gather_windows(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
+                copy_windows(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
                 by_cell[strip][first:stop, own] += windows.reshape(stop - first, -1) @ flat
         for one, sums in zip(cells, by_cell, strict=True):
             one[:] = sums.reshape(one.shape[1], len(one), -1).swapaxes(0, 1)
@@ -270,7 +271,7 @@ class Direct:
             patterns = operand[group][own]
             # elements outside the patterns are never written, so the zeros of the first use remain
             band = scratch.array(f"band of {count} rows", (len(patterns), len(at_x), count, width))
-            lay_patterns(patterns, down[own] - rows.start, at_x, band)
+            place_patterns(patterns, down[own] - rows.start, at_x, band)
             yield rows, slice(own.start * len(at_x), own.stop * len(at_x)), band
 
     def _row_runs(self, height: int, first: int, step: int, ramp: int) -> Iterator[slice]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from lfcal.base import for_each_chunk, one_blas_thread
-from lfcal.reconstruct.projectors._kernels import LANES, Entries, Tiling, gather_sums, gather_windows, overlap_add
+from lfcal.reconstruct.projectors._kernels import LANES, Entries, Tiling, gather_sums
+from lfcal.reconstruct.projectors._windows import add_windows, copy_windows
 
 __all__ = ["copy_rate", "fft_seconds", "gather_rate", "gemm_seconds", "product_seconds", "window_seconds"]
 
@@ -109,8 +110,8 @@ def window_seconds(rows: int, columns: int, dtype: str, workers: int) -> tuple[f
     images = [np.zeros((rows, columns + cells * 8), dtype) for _ in range(workers)]
     values = cells * rows * columns
     tiling = Tiling(0, cells, 1, 8)  # windows eight columns apart, so that they overlap as patterns do
-    add = _threaded(lambda w: overlap_add(windows[w], images[w], tiling, 0), workers)
-    gather = _threaded(lambda w: gather_windows(windows[w], images[w], tiling, 0), workers)
+    add = _threaded(lambda w: add_windows(windows[w], images[w], tiling, 0), workers)
+    gather = _threaded(lambda w: copy_windows(windows[w], images[w], tiling, 0), workers)
     return add / values, gather / values
 
 

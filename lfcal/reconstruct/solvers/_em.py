@@ -39,8 +39,22 @@ __all__ = ["EmOptions", "EmUpdates", "IsraSettings", "RichardsonLucySettings", "
 ACCELERATIONS = ("none", "biggs-andrews", "nesterov")
 """Methods of extrapolation."""
 
+FACTOR_S = 5e-9
+"""Additional processor time (s) per voxel of update factors by numpy, instead of by `update_factors`."""
+
 SMALLEST_FACTOR = 0.1
 """Smallest factor that extrapolation applies to a voxel. Zero would be final: updates cannot raise it again."""
+
+
+def _update_factors(
+    above: NDArray[Any], share: NDArray[Any], sensitivity: NDArray[Any], least: float, out: NDArray[Any]
+) -> None:
+    """Write the factors of a plane to ``out`` by `update_factors`, or for little work by numpy."""
+    if not update_factors.spared(FACTOR_S * out.size):
+        update_factors(above, share, sensitivity, least, out)
+        return
+    out.fill(1)
+    np.divide(np.maximum(above, 0), share, out=out, where=(sensitivity > least) & (share > 0))
 
 
 def check_acceleration(name: str) -> None:
@@ -545,7 +559,7 @@ def _update(
             # a steep gradient could make the denominator negative or tiny, so limit the growth to a factor of ten.
             share = np.maximum(below[z] + scale * steep[z], 0.1 * below[z])
         factor = np.empty_like(volume[z])
-        update_factors(above[z], share, part.sensitivity[z], float(UNSEEN * top), factor)
+        _update_factors(above[z], share, part.sensitivity[z], float(UNSEEN * top), factor)
         stretched = options.stretch is not None and strength > 0
         if options.repeating is not None or stretched:
             seen = (part.sensitivity[z] > UNSEEN * top) & (share > 0)

@@ -7,6 +7,7 @@ from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Progress, in_order
@@ -23,6 +24,10 @@ __all__ = [
     "squares",
     "without_state",
 ]
+
+
+SQUARES_S = 3e-9
+"""Additional processor time (s) per voxel of sums of squares by numpy, instead of by `squares_of`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +197,10 @@ def _sums(new: NDArray[Any], old: NDArray[Any]) -> tuple[float, float]:
     """Return the sums of squares of ``new`` and of ``new - old``, in double precision, plane by plane."""
 
     def one(z: int) -> tuple[float, float]:
-        return squares_of(new[z], old[z])
+        if not squares_of.spared(SQUARES_S * new[z].size):
+            return squares_of(new[z], old[z])
+        value, off = (np.asarray(values, np.float64).ravel() for values in (new[z], new[z] - old[z]))
+        return float(value @ value), float(off @ off)
 
     found = list(in_order(one, range(len(new)), plane_threads(len(new), new[0].nbytes)))
     return math.fsum(size for size, _ in found), math.fsum(change for _, change in found)
