@@ -22,49 +22,49 @@ class NoiseRule(NamedTuple):
     certain
         Standard errors that a mean must exceed; otherwise it is set to zero, because its light cannot be distinguished
         from noise.
+    start, stop
+        Rows y of positions to process.
     """
 
     reach: int
     certain: float
+    start: int = 0
+    stop: int = 0
 
 
-@njit()
+@njit(_nrt=False)
 def reduce_noise(
     plane: NDArray[Any],
     used: NDArray[np.bool_],
     noise: NDArray[np.float64],
     rule: NoiseRule,
     out: NDArray[Any],
-    rows: tuple[int, int],
+    sums: NDArray[np.float64],
 ) -> None:
-    """Write positions start to stop of ``plane`` ``(ny, nx, nt, ns)`` to ``out`` with less noise; ``rows`` states both.
+    """Write some rows of positions of ``plane`` ``(ny, nx, nt, ns)`` to ``out`` with less noise.
 
     Each entry is moved towards the mean of the entries of the same sensor pixel at the surrounding positions, as far as
     noise explains their scatter. This is the linear estimate with the least mean square error (Lee 1980).
 
     ``noise`` ``(ny, nx, 2)`` is the variance without light and per unit of signal; a pattern with NaN is unchanged,
     and not used for others. ``used`` marks entries that are measurements, in the shape of ``plane``; ``(1, 1, 1, 1)``:
-    all are.
+    all are. ``sums`` ``(5, nt, ns)`` is scratch memory.
     """
     ny, nx, nt, ns = plane.shape
     some = used.size > 1
     reach, certain = rule.reach, rule.certain
-    number, total, square, floor, slope = (
-        np.zeros((nt, ns)),
-        np.zeros((nt, ns)),
-        np.zeros((nt, ns)),
-        np.zeros((nt, ns)),
-        np.zeros((nt, ns)),
-    )
-    for y in range(rows[0], rows[1]):
+    number, total, square, floor, slope = sums[0], sums[1], sums[2], sums[3], sums[4]
+    for y in range(rule.start, rule.stop):
         for x in range(nx):
-            if np.isnan(noise[y, x, 0]):
-                for t in range(nt):  # assigning a slice would take seconds to compile
-                    for s in range(ns):
+            known = not np.isnan(noise[y, x, 0])
+            for t in range(nt):  # assigning a slice would take seconds to compile
+                for s in range(ns):
+                    if known:
+                        number[t, s] = total[t, s] = square[t, s] = floor[t, s] = slope[t, s] = 0.0
+                    else:
                         out[y, x, t, s] = plane[y, x, t, s]
+            if not known:
                 continue
-            for sums in (number, total, square, floor, slope):
-                sums[:] = 0.0
             for dy in range(-reach, reach + 1):
                 for dx in range(-reach, reach + 1):
                     row, column = (y + dy) % ny, (x + dx) % nx

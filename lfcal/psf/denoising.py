@@ -83,7 +83,12 @@ def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
     valid = H.facts.valid
     used = np.ones((1, 1, 1, 1), np.bool_) if valid is None else unpack_valid(valid[z], plane.shape[2:])
     out = np.empty_like(plane)
-    for_each_chunk(lambda a, b: reduce_noise(plane, used, noise, RULE, out, (a, b)), len(plane))
+
+    def reduce(start: int, stop: int) -> None:
+        sums = np.empty((5, *plane.shape[2:]))
+        reduce_noise(plane, used, noise, RULE._replace(start=start, stop=stop), out, sums)
+
+    for_each_chunk(reduce, len(plane))
     return out
 
 

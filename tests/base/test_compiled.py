@@ -18,9 +18,11 @@ from lfcal.frames.formats.png import PngImage
 from lfcal.judge.quality._dark import dark_corners
 from lfcal.judge.quality._lattice import spot_waves
 from lfcal.judge.quality.measure import _steps
+from lfcal.judge.quality.pattern_table import PatternTable
 from lfcal.lattice._kernels import Support
 from lfcal.lattice._micro_image import light_of, mean_micro_image, place_lenslets
 from lfcal.psf._transpose import depth_sum, ht_slice, transpose
+from lfcal.psf.aperture._arcs import Arcs
 from lfcal.psf.store import _rounded, _rounded_sums
 from lfcal.reconstruct.projectors._kernels import Tiling
 from lfcal.reconstruct.projectors._windows import add_windows, copy_windows, place_patterns
@@ -88,6 +90,20 @@ def placed_patterns() -> Any:
     return band
 
 
+def measured() -> Any:
+    plane = PLANE.copy()
+    plane[1, 2, 3:5, 4] = np.nan
+    found = PatternTable.of(plane, dark_corners(PLANE), 1)
+    checksums = (found.digest >> np.uint64(32)) / 2.0**32
+    return np.concatenate([part.ravel() for part in (found.table, found.lit, found.sensor, checksums)])
+
+
+def outlines() -> Any:
+    angles = np.linspace(-3, 3, 50)
+    arcs = Arcs(9.0, 0.4, 6, 0.3, 2, 0.1, (0.5, 0.8, 0.3), 0.02, -0.03)
+    return np.stack([one.radius(angles, 1.0, -2.0) for one in (arcs, Arcs(7.0), Arcs(3.0, 0.0, 5))])
+
+
 def factors() -> Any:
     above, share, seen = PLANE[:3, 0]
     out = np.empty_like(above)
@@ -112,6 +128,8 @@ WORK: dict[str, tuple[Callable[..., Any], float]] = {
     "_edge_rows": (frequencies, 1e-13),
     "mask_from_disc": (disc, 1e-6),
     "respond": (simulated, 2e-6),
+    "frame_pass": (measured, 1e-12),
+    "arcs_radius": (outlines, 1e-13),
     "overlap_add": (added, 0),
     "gather_windows": (copied, 0),
     "lay_patterns": (placed_patterns, 0),

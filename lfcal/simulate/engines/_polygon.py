@@ -16,8 +16,8 @@ __all__ = ["area", "clip", "disc_transform", "half_planes", "iris_outline", "reg
 
 Points = NDArray[np.float64]
 
-EDGE_S = 6e-8
-"""Additional processor time (s) per edge and frequency of `transform`, instead of `_edge_rows`."""
+EDGE_S = 2.5e-8
+"""Additional processor time (s) per edge and frequency of `_edge_sums`, instead of `_edge_rows`."""
 
 _SAME_AS_ZERO = 1e-140
 """Frequency below which the square underflows; there, the transform equals the area."""
@@ -151,7 +151,7 @@ def spectrum(
     def fill(rows: slice, columns: NDArray[np.intp] | slice) -> None:
         f, g = fx[columns], fy[rows]
         if _edge_rows.spared(EDGE_S * len(outline) * f.size * g.size):
-            result[rows, columns] = transform(closed[:-1], f, g[:, None])
+            result[rows, columns] = _edge_sums(closed, f, g[:, None])
             return
         re, im = np.zeros((2, g.size, f.size))
         for_each_chunk(
@@ -176,6 +176,23 @@ def spectrum(
         result *= np.exp(-2j * np.pi * centre[0] * fx)
         result *= np.exp(-2j * np.pi * centre[1] * fy)[:, None]
     return result
+
+
+def _edge_sums(closed: Points, fx: NDArray[np.float64], fy: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return what `_edge_rows` computes, for ``fx`` (n,) and ``fy`` (m, 1), by numpy and the same equations."""
+    total = np.zeros((len(fy), fx.size), np.complex128)
+    for p, q in itertools.pairwise(np.pi * closed):
+        (ex, ey), (mx, my) = q - p, q + p
+        a = ex * fx + ey * fy
+        near = np.abs(a) < 0.1
+        flat = np.sin(ex * fx) * np.cos(ey * fy) + np.cos(ex * fx) * np.sin(ey * fy)
+        flat = flat / np.where(near, 1.0, a) - 1
+        flat[near] = _sinc_less_one(a[near])
+        along, down = np.expm1(-1j * mx * fx), np.expm1(-1j * my * fy)
+        turned = along + down + along * down
+        total += (ey * fx - ex * fy) * (turned * (1 + flat) + flat)
+    k2 = 2 * np.pi**2 * (fx * fx + fy * fy)
+    return 1j * total / np.where(k2 > 0, k2, np.inf)
 
 
 def _diameter(outline: Points) -> float:
