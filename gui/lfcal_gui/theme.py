@@ -109,9 +109,10 @@ QHeaderView::section {{ background: {raised}; border: none; border-bottom: 1px s
     font-weight: 600; }}
 QProgressBar {{ background: {raised}; border: none; border-radius: 3px; max-height: 8px; min-height: 8px; }}
 QProgressBar::chunk {{ background: {accent}; border-radius: 3px; }}
-QSplitter::handle {{ background: {line}; }}
+QSplitter::handle {{ background: transparent; }}
 QSplitter::handle:horizontal {{ width: 1px; }}
 QSplitter::handle:vertical {{ height: 1px; }}
+QWidget#looks {{ background: {canvas}; }}
 QScrollArea {{ border: none; background: transparent; }}
 QDockWidget::title {{ background: {raised}; padding: 5px 8px; }}
 QTabBar::tab {{ padding: 6px 12px; border: none; border-bottom: 2px solid transparent; color: {muted}; }}

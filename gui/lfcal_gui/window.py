@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.base import LfcalError
+from lfcal_gui._ahead import Ahead
 from lfcal_gui._header import HeaderBar, NextLine
 from lfcal_gui._help import Manual
 from lfcal_gui._layouts import Layouts, LogView, add_dock, fit_screen
@@ -113,6 +114,7 @@ class MainWindow(QMainWindow):
         self._connect()
         fit_screen(self)
         self._restore()
+        self.ahead = Ahead([spec.key for spec in self.specs], self._made, lambda: self.jobs.busy, self)
         self.leading = Leading(self.context, self.next_line, self, self.page, self._looked_at)
         self.leading.changed.connect(self._say_places)
         self.go(self.specs[0].key)
@@ -189,6 +191,12 @@ class MainWindow(QMainWindow):
     def page(self, key: str) -> BasePage:
         """Return the page ``key``, which is made at the first call."""
         if key not in self._pages:
+            self._made(key).take_theme()
+        return self._pages[key]
+
+    def _made(self, key: str) -> BasePage:
+        """Return the page ``key``, which is made at the first call, without its style."""
+        if key not in self._pages:
             spec = next(spec for spec in self.specs if spec.key == key)
             made = self._pages[key] = page_class(spec)(spec, self.context)
             name_controls(made)
@@ -199,15 +207,18 @@ class MainWindow(QMainWindow):
             else:
                 self._windows[key] = PageWindow(made, self, self.settings)
                 self._windows[key].activated.connect(lambda: self._to_front(key))
-            made.take_theme()
             self.layouts.restore(key, made)
         return self._pages[key]
 
     def import_pages(self) -> None:
-        """Import the pages and their libraries in the background, so that opening a page only has to build widgets."""
+        """Import the pages and their libraries in the background, then make them while the window is idle."""
+
+        def prepare() -> None:
+            for spec in self.specs:
+                page_class(spec).prepare()
 
         def load() -> None:
-            self.jobs.load("pages", lambda: [page_class(spec).prepare() for spec in self.specs], lambda _: None)
+            self.jobs.load("pages", prepare, lambda _: self.ahead.start())
 
         later = QTimer(self)  # once the window is there: imports would slow its start
         later.setSingleShot(True)
@@ -438,6 +449,7 @@ class MainWindow(QMainWindow):
         if self._stopped:
             return
         self._stopped = True
+        self.ahead.stop()
         self.settings.setValue("geometry", self.saveGeometry())
         self.settings.setValue("windowState", self.saveState())
         self.layouts.keep()

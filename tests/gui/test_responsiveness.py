@@ -19,13 +19,16 @@ from benchmarks.__main__ import command_line
 from benchmarks._window_layout import controls, hovering, layout
 from benchmarks.window import MEASURED, WORDS, live_frames, scrubbing
 from lfcal.base.errors import InputError
+from lfcal_gui import _ahead as ahead_module
 from lfcal_gui import _garbage as garbage
+from lfcal_gui._ahead import Ahead
 from lfcal_gui._garbage import CALM_TICKS, LATEST_TICKS, Collector
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire._pictures import ErrorView, RecordPictures
 from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.h.panel import HPanel, LevelRow
 from lfcal_gui.screenshots import main as take_pictures
+from lfcal_gui.window import MainWindow
 
 
 def printed_by(code: str, folder: Path) -> Any:
@@ -107,6 +110,60 @@ def test_pictures_are_made_when_they_are_first_shown(qtbot: QtBot, jobs: Jobs) -
     acquire.setCurrentWidget(acquire.record)
     assert acquire.record.findChildren(RecordPictures) == [acquire.record.pictures]
     assert acquire.record.pictures.isVisible() and not acquire.record.pictures.findChildren(ErrorView)
+
+
+class Made:
+    """A page that records when its style is applied."""
+
+    def __init__(self) -> None:
+        self.styled = False
+
+    def take_theme(self) -> None:
+        self.styled = True
+
+
+def test_pages_are_made_in_short_steps_while_nothing_happens(
+    qapp: qt.QApplication, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first look at a page took up to 140 ms."""
+    clock, pages, busy = Clock(), dict[str, Made](), [False]
+    monkeypatch.setattr(ahead_module, "time", clock)
+    owner = qt.QWidget()
+
+    def make(key: str) -> Any:
+        return pages.setdefault(key, Made())
+
+    ahead = Ahead(("a", "b"), make, lambda: busy[0], owner)
+    ahead.start()
+    for held in (True, False):
+        busy[0], clock.now_s = held, clock.now_s + 1.0  # the user works, and a job runs
+        ahead.step()
+        assert not pages
+    busy[0] = True
+    ahead.step()
+    assert not pages, "the result of a job will be shown soon"
+    busy[0] = False
+    found = []
+    for _ in range(4):
+        ahead.step()
+        found.append([(key, page.styled) for key, page in pages.items()])
+    assert found == [
+        [("a", False)],
+        [("a", True)],
+        [("a", True), ("b", False)],
+        [("a", True), ("b", True)],
+    ]
+    assert ahead.active
+    ahead.step()
+    assert not ahead.active
+
+
+def test_a_page_has_one_style_sheet(window: MainWindow) -> None:
+    """A style sheet inside another one is applied twice to everything in it."""
+    for spec in window.specs:
+        page = window.page(spec.key)
+        parts = page.findChildren(qt.QWidget)
+        assert not [one for one in parts if one.styleSheet() and not isinstance(one.window(), qt.QDialog)], spec.key
 
 
 # -- garbage is collected while the window is idle ---------------------------------------------------------

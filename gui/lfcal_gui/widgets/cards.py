@@ -230,7 +230,6 @@ def split(*parts: QWidget | QLayout, sizes: Sequence[int], vertical: bool = Fals
     made = QSplitter(Qt.Orientation.Vertical if vertical else Qt.Orientation.Horizontal)
     made.setChildrenCollapsible(False)
     made.setHandleWidth(8)
-    made.setStyleSheet("QSplitter::handle { background: transparent; }")  # the cards' frames show the handle
     for k, part in enumerate(parts):
         made.addWidget(_widget(part))
         made.setStretchFactor(k, 0 if k < fixed else sizes[k])

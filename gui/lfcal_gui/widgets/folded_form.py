@@ -215,21 +215,37 @@ class _NumberEdit(QLineEdit):
 
 
 @dataclass(eq=False)
-class _Row:
+class _Parts:
     """The widgets of a field."""
 
-    field: Field
     label: QLabel
     editor: QWidget
     unit: QLabel | None
-    line: int
-    rare: bool
-    shown: bool = True
     mark: QToolButton | QLabel | None = None
     reset: QToolButton | None = None
 
     def widgets(self) -> list[QWidget]:
         return [one for one in (self.label, self.editor, self.unit, self.mark) if one is not None]
+
+    def last(self) -> QWidget:
+        """Return the widget that has the focus last."""
+        return self.reset or self.mark or self.editor
+
+
+@dataclass(eq=False)
+class _Row:
+    """A field, and its widgets (None: they were not needed yet)."""
+
+    field: Field
+    line: int
+    rare: bool
+    choices: tuple[tuple[Any, str], ...]
+    shown: bool = True
+    own_line: bool = False
+    enabled: bool = True
+    why: str = ""
+    source: tuple[str, str] | None = None
+    parts: _Parts | None = None
 
     def found(self, words: Sequence[str]) -> bool:
         """Return whether each of the words occurs in the texts of the field."""
@@ -247,6 +263,8 @@ class FoldedForm(QFrame):
     values that pass are reported. If a first part of the text did pass, as the 2 of "2,8", the value before typing is
     reported again. The refused text stays until the value changes. Of several reasons, that of the field edited last is
     shown. A disabled field shows its value again, and no reason.
+
+    The widgets of a folded field are made when they are first needed, because most are never seen.
 
     Parameters
     ----------
@@ -289,7 +307,7 @@ class FoldedForm(QFrame):
         self._untouched: dict[str, Any] = {}
         self._selected: dict[str, str] = {}
         self._reported = self._last = ""
-        self._headings: dict[str, QLabel] = {}
+        self._headings: dict[str, tuple[int, QLabel | None]] = {}
         self._folds, self._attended = bool(more), False
         self._extras: list[QWidget] = []
         self.head = FoldHead(title, tip)
@@ -340,33 +358,74 @@ class FoldedForm(QFrame):
 
     def _add(self, field: Field, *, rare: bool) -> None:
         if rare and field.group and field.group not in self._headings:
-            title = self._headings[field.group] = heading(field.group)
-            self._grid.addWidget(title, self._next, LABEL, 1, RESET + 1)
+            self._headings[field.group] = self._next, None
             self._next += 1
-        label, editor = QLabel(_lines(field.label)), self._editor(field)
+        self._rows[field.key] = row = _Row(field, self._next, rare, field.choices)
+        row.own_line = len(field.empty) > LONG_EMPTY
+        self._next += LINES
+        if not rare:
+            self._made(row)
+
+    def _made(self, row: _Row) -> _Parts:
+        """Return the widgets of a field, which are made at the first call."""
+        if row.parts is not None:
+            return row.parts
+        field, before = row.field, self._before(row)
+        label, editor = QLabel(_lines(field.label)), self._editor(row)
         unit = QLabel(_lines(field.unit)) if field.unit else None
         if unit is not None:
             unit.setProperty("role", "hint")
             unit.setProperty("size", "caption")
-            self._grid.addWidget(unit, self._next, UNIT)
-        for widget in (label, editor):
-            widget.setToolTip(field.tip)
+            self._grid.addWidget(unit, row.line, UNIT)
         editor.setMinimumWidth(LEAST)
         label.setBuddy(editor)
         editor.setAccessibleName(field.label)
-        self._grid.addWidget(label, self._next, LABEL)
+        self._grid.addWidget(label, row.line, LABEL)
         wide = unit is None and field.kind not in ("bool", "shown")  # it takes the room of a unit
-        self._grid.addWidget(editor, self._next, EDITOR, 1, 1 + wide)
-        self._rows[field.key] = _Row(field, label, editor, unit, self._next, rare)
-        self._next += LINES
-        if len(field.empty) > LONG_EMPTY:
-            self.own_line(field.key)
+        self._grid.addWidget(editor, row.line, EDITOR, 1, 1 + wide)
+        if before is not None:
+            QWidget.setTabOrder(before, editor)
+        row.parts = _Parts(label, editor, unit)
+        self._fill(row, row.parts)
+        return row.parts
 
-    def _editor(self, field: Field) -> QWidget:
-        key = field.key
+    def _before(self, row: _Row) -> QWidget | None:
+        """Return the widget that has the focus before those of a folded field."""
+        if not row.rare:
+            return None
+        above = [one for one in self._rows.values() if one.rare and one.parts is not None and one.line < row.line]
+        nearest = max(above, key=lambda one: one.line, default=None)
+        return self.search or self.head if nearest is None or nearest.parts is None else nearest.parts.last()
+
+    def _fill(self, row: _Row, parts: _Parts) -> None:
+        """Show in new widgets what was set before they were made; last of all themselves, so they are styled once."""
+        key = row.field.key
+        if row.own_line:
+            self._place_below(row, parts)
+        if key in self._values:
+            self._show_value(key, parts.editor, self._values[key])
+        if row.source is not None:
+            self._show_source(row, parts)
+        self._enable(row, parts)
+        self._mark_changed(row, parts)
+        for widget in parts.widgets():
+            widget.setVisible(self._seen(row))
+        self._offer_reset(row, parts)
+
+    def _heading(self, name: str) -> QLabel:
+        """Return the heading of a group, which is made at the first call."""
+        at, made = self._headings[name]
+        if made is None:
+            made = heading(name)
+            self._grid.addWidget(made, at, LABEL, 1, RESET + 1)
+            self._headings[name] = at, made
+        return made
+
+    def _editor(self, row: _Row) -> QWidget:
+        field, key = row.field, row.field.key
         if field.kind == "choice":
             box = _ChoiceBox()
-            for value, text in field.choices:
+            for value, text in row.choices:
                 box.addItem(text, value)
             box.currentIndexChanged.connect(lambda _=0: self._changed(key))
             return box
@@ -392,14 +451,19 @@ class FoldedForm(QFrame):
     def own_line(self, key: str) -> None:
         """Place the field of a long text on a line below its label, which then contains the unit."""
         row = self._rows[key]
-        self._grid.addWidget(row.editor, row.line + 1, LABEL, 1, RESET + 1)
-        if row.unit is not None:
-            row.label.setText(f"{row.label.text()} ({row.unit.text()})")
-            self._grid.addWidget(row.label, row.line, LABEL, 1, EDITOR - LABEL + 1)
-            self._grid.removeWidget(row.unit)
-            row.unit.hide()
-            row.unit.deleteLater()
-            row.unit = None
+        row.own_line = True
+        if row.parts is not None:
+            self._place_below(row, row.parts)
+
+    def _place_below(self, row: _Row, parts: _Parts) -> None:
+        self._grid.addWidget(parts.editor, row.line + 1, LABEL, 1, RESET + 1)
+        if parts.unit is not None:
+            parts.label.setText(f"{parts.label.text()} ({parts.unit.text()})")
+            self._grid.addWidget(parts.label, row.line, LABEL, 1, EDITOR - LABEL + 1)
+            self._grid.removeWidget(parts.unit)
+            parts.unit.hide()
+            parts.unit.deleteLater()
+            parts.unit = None
 
     def fold_line(self, *parts: QWidget, above: bool = False) -> None:
         """Add widgets side by side to the folded part, below or ``above`` its fields."""
@@ -435,24 +499,39 @@ class FoldedForm(QFrame):
             self._show_rows()
             self._report()
 
+    def _seen(self, row: _Row) -> bool:
+        """Return whether a field is in view."""
+        opened = self.head.isChecked()
+        words = self.search.text().casefold().split() if self.search is not None else []
+        return row.shown and (not row.rare or (opened and row.found(words)))
+
     def _show_rows(self) -> None:
-        opened, words = self.head.isChecked(), []
+        self._grid.setEnabled(False)  # else Qt would arrange the form again after each widget
+        self._show_parts()
+        self._grid.setEnabled(True)
+        self._grid.invalidate()
+        self._grid.activate()
+
+    def _show_parts(self) -> None:
+        opened, searched = self.head.isChecked(), self.search is not None and bool(self.search.text().strip())
         if self.search is not None:
             self.search.setVisible(opened)
-            words = self.search.text().casefold().split()
         groups: set[str] = set()
         for row in self._rows.values():
-            seen = row.shown and (not row.rare or (opened and row.found(words)))
-            for widget in row.widgets():
-                widget.setVisible(seen)
-            if row.reset is not None:
-                row.reset.setVisible(seen and self._attended and self._differs(row))
-            if seen and row.rare:
+            seen = self._seen(row)
+            if seen:
+                self._made(row)
+            if row.parts is not None:
+                for widget in row.parts.widgets():
+                    widget.setHidden(not seen)
+                self._offer_reset(row, row.parts)
+            if seen and row.rare and row.field.group:
                 groups.add(row.field.group)
-        for name, title in self._headings.items():
-            title.setVisible(name in groups)
+        for name, (_, title) in self._headings.items():
+            if name in groups or title is not None:
+                self._heading(name).setVisible(name in groups)
         for extra in self._extras:
-            extra.setVisible(opened and not words)
+            extra.setVisible(opened and not searched)
 
     def set_state(self, values: Mapping[str, Any], marks: Mapping[str, tuple[str, str]]) -> None:
         """Show values and their marks; fields without a value are hidden."""
@@ -465,39 +544,49 @@ class FoldedForm(QFrame):
     # -- marks -----------------------------------------------------------------------------------------
     def set_marks(self, marks: Mapping[str, tuple[str, str]]) -> None:
         """Show the sources of values, as words of `MARKS` with tooltips. Ticking an assumed value confirms it."""
-        for key, (word, tip) in marks.items():
+        for key, source in marks.items():
             row = self._rows[key]
-            assumed = word == "assumed"
-            if row.mark is None or isinstance(row.mark, QToolButton) != assumed:
-                self._make_mark(row, assumed)
-            assert row.mark is not None
-            row.mark.setText(MARKS[word])
-            row.mark.setAccessibleName(f"{row.field.label}: {word}" + ", confirm" * assumed)
-            row.mark.setToolTip(tip)
-            # screen readers read the description after the name
-            row.editor.setAccessibleDescription(tip)
-            set_look(row.mark, "mark", word)
+            row.source = source
+            if row.parts is not None:
+                self._show_source(row, row.parts)
         self._report()
 
-    def _make_mark(self, row: _Row, assumed: bool) -> None:
+    def _show_source(self, row: _Row, parts: _Parts) -> None:
+        assert row.source is not None
+        word, tip = row.source
+        assumed = word == "assumed"
+        mark = parts.mark
+        if mark is None or isinstance(mark, QToolButton) != assumed:
+            mark = self._make_mark(row, parts, assumed)
+        mark.setText(MARKS[word])
+        mark.setAccessibleName(f"{row.field.label}: {word}" + ", confirm" * assumed)
+        mark.setToolTip(tip)
+        # screen readers read the description after the name
+        parts.editor.setAccessibleDescription(tip)
+        set_look(mark, "mark", word)
+
+    def _make_mark(self, row: _Row, parts: _Parts, assumed: bool) -> QToolButton | QLabel:
         """Make the mark of a value; that of an assumed value is a button."""
-        if row.mark is not None:
-            row.mark.hide()
-            row.mark.deleteLater()
+        if parts.mark is not None:
+            parts.mark.hide()
+            parts.mark.deleteLater()
+        made: QToolButton | QLabel
         if assumed:
-            row.mark = _small("", "mark", "", "")
-            row.mark.clicked.connect(lambda: self.confirmed.emit(row.field.key))
+            made = _small("", "mark", "", "")
+            made.clicked.connect(lambda: self.confirmed.emit(row.field.key))
         else:
-            row.mark = QLabel()
-            row.mark.setFixedWidth(SMALL)
-            row.mark.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self._grid.addWidget(row.mark, row.line, MARK)
-        QWidget.setTabOrder(row.editor, row.mark)
-        row.mark.setVisible(not row.label.isHidden())
+            made = QLabel()
+            made.setFixedWidth(SMALL)
+            made.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        parts.mark = made
+        self._grid.addWidget(made, row.line, MARK)
+        QWidget.setTabOrder(parts.editor, made)
+        made.setVisible(not parts.label.isHidden())
+        return made
 
     def mark(self, key: str) -> QToolButton | QLabel:
         """Return the widget that shows the source of a value; its property ``mark`` is the word of `MARKS`."""
-        found = self._rows[key].mark
+        found = self._made(self._rows[key]).mark
         assert found is not None
         return found
 
@@ -544,11 +633,12 @@ class FoldedForm(QFrame):
         why = self.check(key, value)
         if why:
             self._last = key
-            self._mark(row.editor, why)
+            self._mark(self._made(row).editor, why)
             self._show_error()
             return
         self._untouched.pop(key, None)
-        self._mark(row.editor, "")
+        if row.parts is not None:
+            self._mark(row.parts.editor, "")
         self.edited.emit(key, value)
 
     def _reset_folded(self) -> None:
@@ -560,29 +650,38 @@ class FoldedForm(QFrame):
 
     def _report(self) -> None:
         """Mark changed values, and show their number in the head of the folded part."""
-        changed = set(self.changed)
-        for key, row in self._rows.items():
-            differs = key in changed
-            if differs and row.reset is None:
-                row.reset = _small("↺", "reset", f"Reset {row.field.label}", "")
-                row.reset.clicked.connect(lambda _=False, key=key: self._reset_one(key))
-                self._grid.addWidget(row.reset, row.line, RESET)
-                QWidget.setTabOrder(row.mark or row.editor, row.reset)
-            if row.reset is not None:
-                row.reset.setToolTip(f"Reset to the default: {self._default_words(row)}")
-                row.reset.setVisible(self._attended and differs and not row.label.isHidden())
-            for widget in (row.label, row.editor):
-                set_look(widget, "changed", differs)
+        for row in self._rows.values():
+            if row.parts is not None:
+                self._mark_changed(row, row.parts)
         if not self._folds:
             return
         rare = [row for row in self._rows.values() if row.rare and row.shown]
-        marks = [row.mark.property("mark") for row in rare if row.mark is not None]
-        assumed, count = marks.count("assumed"), len(changed & {row.field.key for row in rare})
+        sources = [row.source[0] for row in rare if row.source is not None]
+        assumed, count = sources.count("assumed"), sum(map(self._differs, rare))
         said = [f"{count} changed" if count else "", f"{assumed} assumed" if assumed else ""]
         known = any(row.field.key in self._defaults for row in rare)
-        self.head.say(", ".join(filter(None, said)) or ("defaults" if known else "all known" * bool(marks)))
+        self.head.say(", ".join(filter(None, said)) or ("defaults" if known else "all known" * bool(sources)))
         self.reset_all.setVisible(self._attended and bool(count))
         self._grid.addWidget(self.head, self._at_head, LABEL, 1, RESET if count else RESET + 1)
+
+    def _mark_changed(self, row: _Row, parts: _Parts) -> None:
+        """Show whether a value differs from its default."""
+        key, differs = row.field.key, row.shown and self._differs(row)
+        if differs and parts.reset is None:
+            parts.reset = _small("↺", "reset", f"Reset {row.field.label}", "")
+            parts.reset.clicked.connect(lambda _=False, key=key: self._reset_one(key))
+            self._grid.addWidget(parts.reset, row.line, RESET)
+            QWidget.setTabOrder(parts.mark or parts.editor, parts.reset)
+        if parts.reset is not None:
+            parts.reset.setToolTip(f"Reset to the default: {self._default_words(row)}")
+        self._offer_reset(row, parts)
+        for widget in (parts.label, parts.editor):
+            set_look(widget, "changed", differs)
+
+    def _offer_reset(self, row: _Row, parts: _Parts) -> None:
+        """Show the reset button of a changed value that is in view while the user is in the form."""
+        if parts.reset is not None:
+            parts.reset.setVisible(self._attended and not parts.label.isHidden() and row.shown and self._differs(row))
 
     def _default_words(self, row: _Row) -> str:
         value = self._defaults.get(row.field.key)
@@ -593,12 +692,12 @@ class FoldedForm(QFrame):
 
     def _reset_one(self, key: str) -> None:
         self.reset(key)
-        self._rows[key].editor.setFocus()  # the button was hidden and lost the focus
+        self.editor(key).setFocus()  # the button was hidden and lost the focus
 
     # -- values ----------------------------------------------------------------------------------------
     def editor(self, key: str) -> QWidget:
         """Return the widget of a field."""
-        return self._rows[key].editor
+        return self._made(self._rows[key]).editor
 
     def set_values(self, values: Mapping[str, Any]) -> None:
         """Show values without reporting them; a field that is being edited keeps its text if it means the same.
@@ -608,23 +707,31 @@ class FoldedForm(QFrame):
         for key, value in values.items():
             if key not in self._rows:
                 continue
-            editor = self._rows[key].editor
-            with QSignalBlocker(editor):
-                if isinstance(editor, QLineEdit):
-                    self._set_text(key, editor, value)
-                elif isinstance(editor, QComboBox):
-                    editor.setCurrentIndex(max(0, editor.findData(value)))
-                elif isinstance(editor, QCheckBox):
-                    editor.setChecked(bool(value))
-                elif isinstance(editor, QLabel):
-                    editor.setText(str(value))
+            parts = self._rows[key].parts
+            if parts is not None:
+                self._show_value(key, parts.editor, value)
             self._values[key] = value
         self._show_error()
         self._report()
 
+    def _show_value(self, key: str, editor: QWidget, value: Any) -> None:
+        with QSignalBlocker(editor):
+            if isinstance(editor, QLineEdit):
+                self._set_text(key, editor, value)
+            elif isinstance(editor, QComboBox):
+                editor.setCurrentIndex(max(0, editor.findData(value)))
+            elif isinstance(editor, QCheckBox):
+                editor.setChecked(bool(value))
+            elif isinstance(editor, QLabel):
+                editor.setText(str(value))
+
     def set_choices(self, key: str, choices: tuple[tuple[Any, str], ...]) -> None:
         """Set the choices of a field."""
-        editor = self._rows[key].editor
+        row = self._rows[key]
+        row.choices = choices
+        if row.parts is None:
+            return
+        editor = row.parts.editor
         assert isinstance(editor, QComboBox)
         with QSignalBlocker(editor):
             editor.clear()
@@ -646,14 +753,20 @@ class FoldedForm(QFrame):
     def set_enabled(self, key: str, enabled: bool, why: str = "") -> None:
         """Enable or disable one field with its label; while it is disabled, its tooltip contains the reason ``why``."""
         row = self._rows[key]
-        if not enabled and isinstance(row.editor, QLineEdit) and row.editor.property("reason"):
-            self._mark(row.editor, "")
-            row.editor.setText(text_of(row.field, self._values.get(key)))
+        row.enabled, row.why = enabled, why
+        if row.parts is not None:
+            self._enable(row, row.parts)
+
+    def _enable(self, row: _Row, parts: _Parts) -> None:
+        editor = parts.editor
+        if not row.enabled and isinstance(editor, QLineEdit) and editor.property("reason"):
+            self._mark(editor, "")
+            editor.setText(text_of(row.field, self._values.get(row.field.key)))
             self._show_error()
-        for widget in row.widgets():
-            widget.setEnabled(enabled)
-        for widget in (row.editor, row.label):
-            widget.setToolTip(why or row.field.tip)
+        for widget in parts.widgets():
+            widget.setEnabled(row.enabled)
+        for widget in (editor, parts.label):
+            widget.setToolTip(row.why or row.field.tip)
 
     def _browse(self, key: str, editor: QLineEdit) -> None:
         field = self.fields[key]
@@ -669,7 +782,7 @@ class FoldedForm(QFrame):
             self._selected[key] = editor.text()
 
     def _ended(self, key: str) -> None:
-        editor = self._rows[key].editor
+        editor = self.editor(key)
         assert isinstance(editor, QLineEdit)
         if self.fields[key].late and not means(self.fields[key], editor.text(), self._values.get(key)):
             self._changed(key)
@@ -677,7 +790,7 @@ class FoldedForm(QFrame):
 
     def _read(self, key: str) -> tuple[Any, str]:
         """Return the value of a field, and why it is refused (empty: accepted)."""
-        editor, field = self._rows[key].editor, self.fields[key]
+        editor, field = self.editor(key), self.fields[key]
         if isinstance(editor, QComboBox):
             return editor.currentData(), ""
         if isinstance(editor, QCheckBox):
@@ -695,7 +808,7 @@ class FoldedForm(QFrame):
         value, error = self._read(key)
         error = error or self.check(key, value)
         self._last = key
-        self._mark(self._rows[key].editor, error)
+        self._mark(self.editor(key), error)
         self._show_error()
         if not ended:
             return
@@ -719,7 +832,8 @@ class FoldedForm(QFrame):
         editor.setProperty("reason", error)
 
     def _show_error(self) -> None:
-        errors = {k: str(r.editor.property("reason")) for k, r in self._rows.items() if r.editor.property("reason")}
+        made = {key: row.parts.editor for key, row in self._rows.items() if row.parts is not None}
+        errors = {key: str(editor.property("reason")) for key, editor in made.items() if editor.property("reason")}
         key = self._last if self._last in errors else next(iter(errors), "")
         self._error.setText(errors.get(key, ""))
         self._error.setVisible(bool(errors))

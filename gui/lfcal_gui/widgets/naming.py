@@ -35,7 +35,8 @@ LONGEST = 60
 
 def unnamed(root: QWidget) -> list[QWidget]:
     """Return the controls in ``root`` that a screen reader cannot name."""
-    return [widget for widget in controls(root) if not widget.accessibleName() and not _own_words(widget)]
+    found = (widget for widget in root.findChildren(QWidget) if isinstance(widget, CONTROLS))
+    return [widget for widget in found if not (widget.accessibleName() or _own_words(widget)) and _whole(widget)]
 
 
 def name_controls(root: QWidget) -> None:
@@ -58,21 +59,16 @@ def name_controls(root: QWidget) -> None:
 
 def controls(root: QWidget) -> list[QWidget]:
     """Return the controls in ``root``, without the internal parts of other controls."""
-    found: list[QWidget] = []
-    for kind in CONTROLS:
-        found += root.findChildren(kind)
-    # a screen reader reads their parts through them
-    inner = (QAbstractSpinBox, QComboBox, QAbstractItemView, QTabBar)
-    return [widget for widget in found if not _within(widget, inner) and not widget.objectName().startswith("qt_")]
+    return [widget for widget in root.findChildren(QWidget) if isinstance(widget, CONTROLS) and _whole(widget)]
 
 
-def _within(widget: QWidget, kinds: tuple[type[QWidget], ...]) -> bool:
-    parent = widget.parentWidget()
-    while parent is not None:
-        if isinstance(parent, kinds):
-            return True
+def _whole(widget: QWidget) -> bool:
+    """Return whether a control is not part of another one, through which a screen reader reads its parts."""
+    whole, parent = not widget.objectName().startswith("qt_"), widget.parentWidget()
+    while whole and parent is not None:
+        whole = not isinstance(parent, (QAbstractSpinBox, QComboBox, QAbstractItemView, QTabBar))
         parent = parent.parentWidget()
-    return False
+    return whole
 
 
 def _own_words(widget: QWidget) -> str:

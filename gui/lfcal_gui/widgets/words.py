@@ -42,8 +42,9 @@ def set_look(widget: QWidget, name: str, value: object) -> None:
     """Set a property that the style sheet uses, and apply the style again, because Qt does not."""
     if (widget.property(name) or None) != (value or None):
         widget.setProperty(name, value)
-        widget.style().unpolish(widget)
-        widget.style().polish(widget)
+        if widget.testAttribute(Qt.WidgetAttribute.WA_WState_Polished):  # else Qt does so when it is first shown
+            widget.style().unpolish(widget)
+            widget.style().polish(widget)
 
 
 def shortened(name: str, metrics: QFontMetricsF | QFontMetrics, room: float) -> str:

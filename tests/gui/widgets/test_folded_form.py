@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QEnterEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QToolButton
+from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QToolButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.tasks import PlanScan
@@ -198,6 +198,60 @@ def test_folded_values_are_searched(folding: Taking, qtbot: QtBot) -> None:
     qtbot.addWidget(few)
     few.open()
     assert few.search is None
+
+
+def test_folded_fields_are_made_when_they_are_needed(qtbot: QtBot) -> None:
+    """Most are never seen, and made a third of the first look at a page."""
+    more = tuple(Field(f"n{k}", f"Number {k}", "px", kind="int", default=k) for k in range(5))
+    way = Field("way", "Way", kind="choice", choices=(("a", "fast"),), default="a", tip="How long")
+    form = FoldedForm((Field("f", "f-number"),), (*more, way))
+    qtbot.addWidget(form)
+    form.show()
+    form.set_values({"f": 4.0, "n0": 0, "n1": 7, "n2": 2, "way": "b"})
+    form.set_choices("way", (("a", "fast"), ("b", "slow")))
+    form.set_enabled("n2", False, "measured")
+    form.set_marks({"n3": ("assumed", "typical")})
+    form.own_line("n4")
+    assert len(form.findChildren(QLineEdit)) == 1 and not form.findChildren(QComboBox)
+    assert form.head.words == "2 changed, 1 assumed" and form.changed == ("n1", "way")
+    assert form.editor("n1").text() == "7" and form.editor("n1").isHidden()
+    form.open()
+    box, label = form.editor("way"), form.editor("n4")
+    assert box.currentText() == "slow" and box.isVisible() and box.property("changed") is True
+    assert not form.editor("n2").isEnabled() and form.editor("n2").toolTip() == "measured"
+    assert form.mark("n3").property("mark") == "assumed" and form.mark("n3").isVisible()
+    assert label.width() > 1.2 * form.editor("n0").width(), "a long text has a line of its own"
+    order = [form.head, *(form.editor(f"n{k}") for k in range(4)), form.mark("n3"), label, box]
+    places = []
+    widget = form.head
+    while len(places) < len(order):
+        places += [order.index(widget)] * (widget in order)
+        widget = widget.nextInFocusChain()
+    assert places == list(range(len(order))), "Tab follows the rows"
+
+
+def test_unfolding_arranges_the_form_once(qtbot: QtBot) -> None:
+    """Qt arranged the form again for every widget of a field that appeared."""
+    more = tuple(Field(f"n{k}", f"Number {k}", "px", kind="int", default=k) for k in range(8))
+    form = FoldedForm((Field("f", "f-number"),), more)
+    qtbot.addWidget(form)
+    form.show()
+    form.open()
+    form.head.setChecked(False)
+    QApplication.processEvents()
+    arranged: list[int] = []
+
+    class Watch(QObject):
+        def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+            arranged.append(1) if event.type() in (QEvent.Type.Resize, QEvent.Type.Move) else None
+            return False
+
+    watch = Watch()
+    last = form.editor("n7")
+    last.installEventFilter(watch)
+    form.open()
+    QApplication.processEvents()
+    assert len(arranged) <= 2 and last.isVisible()
 
 
 def test_assumed_values_are_confirmed_by_their_tick(qtbot: QtBot) -> None:

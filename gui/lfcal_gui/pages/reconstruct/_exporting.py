@@ -85,7 +85,7 @@ class ExportCard(QWidget):
             for one in (label, remark):
                 one.setProperty("role", "hint")
             value.setAlignment(Qt.AlignmentFlag.AlignRight)
-            value.setStyleSheet("font-weight: 600;")
+            value.setProperty("role", "value")
             grid.addWidget(label, k, 0)
             if name == "Order":  # longer than a number
                 value.setAlignment(Qt.AlignmentFlag.AlignLeft)

@@ -27,7 +27,6 @@ from lfcal_gui.pages.reconstruct.model_volume import (
     prepare,
     side,
 )
-from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     Contrast,
     Picture,
@@ -463,7 +462,6 @@ class VolumeView(QWidget):
         """Apply the colours of the current theme."""
         for part in (*self._volumes(), self.light_field, *self.contrasts, self.strip):
             part.apply_theme()
-        self.looking.setStyleSheet(f"QWidget#looks {{ background: {current_theme().canvas}; }}")
         self._show()
 
     # -- inside ----------------------------------------------------------------------------------------

@@ -173,29 +173,33 @@ def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: floa
     """Return an image of the lenslets, as discs or as squares without gaps, at sensor rows and columns."""
     lattice = camera.lattice
     values = np.full((rows.size, columns.size), DARK, np.float32)
+    blur_um = step * camera.sensor.pixel_um
     if isinstance(lattice, PupilLenslets):
         radius = min(lattice.spacing_um, lattice.clear_um) / 2
-        xy = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
-        for centre in np.array(lattice.lens_centres_um) + np.array(lattice.offset_um):
-            reach = np.hypot(*np.moveaxis(xy - centre, -1, 0))
-            lit = np.clip((radius - reach) / (step * camera.sensor.pixel_um) + 0.5, 0, 1)
-            values = np.maximum(values, DARK + (LIT - DARK - SHADE * (reach / radius) ** 4) * lit).astype(np.float32)
+        x = camera.sensor_um(np.stack(np.broadcast_arrays(rows[0], columns), axis=-1))[:, 0]
+        y = camera.sensor_um(np.stack(np.broadcast_arrays(rows, columns[0]), axis=-1))[:, 1]
+        for across, up in np.array(lattice.lens_centres_um) + np.array(lattice.offset_um):
+            near = (np.flatnonzero(np.abs(axis - at) < radius + blur_um) for axis, at in ((y, up), (x, across)))
+            part = np.ix_(*near)
+            reach = np.hypot(y[part[0]] - up, x[part[1]] - across)
+            lit = np.clip((radius - reach) / blur_um + 0.5, 0, 1)
+            values[part] = np.maximum(values[part], DARK + (LIT - DARK - SHADE * (reach / radius) ** 4) * lit)
         return values
     if camera.pitch_px >= FINEST * step:
         xy = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
         index = lattice.lenslet_at(xy)
-        within, basis, reach = (index - np.floor(index)).astype(np.float32), lattice.basis_um().astype(np.float32), None
-        # the nearest lenslet is at one of the corners of the cell
-        for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            x, y = np.moveaxis((within - np.array(corner, np.float32)) @ basis, -1, 0)
-            away = np.maximum(np.abs(x), np.abs(y)) if lattice.edge_to_edge else np.hypot(x, y)
-            reach = away if reach is None else np.minimum(reach, away)
-        assert reach is not None
+        within, basis = (index - np.floor(index)).astype(np.float32), lattice.basis_um().astype(np.float32)
+        x, y = (within[..., 0] * basis[0, k] + within[..., 1] * basis[1, k] for k in range(2))
+        # the nearest lenslet is at one of the corners of the cell; squares are much faster than np.hypot
+        squared = np.full(x.shape, np.inf, np.float32)
+        for across, up in np.array(((0, 0), (0, 1), (1, 0), (1, 1)), np.float32) @ basis:
+            x2, y2 = (x - across) ** 2, (y - up) ** 2
+            np.minimum(squared, np.maximum(x2, y2) if lattice.edge_to_edge else x2 + y2, out=squared)
         radius = lattice.clear_diameter_um / 2
         # brighter in the middle, so that neighbours that touch are distinguished; edges are one sample wide
-        lit = np.clip((radius - reach) / (step * camera.sensor.pixel_um) + 0.5, 0, 1)
-        out = np.minimum(reach / max(radius, 1e-6), 1)  # an aperture may be described as a point
-        values = (DARK + (LIT - DARK - SHADE * out**4) * lit).astype(np.float32)
+        lit = np.clip((radius - np.sqrt(squared)) / blur_um + 0.5, 0, 1)
+        out = np.minimum(squared / max(radius, 1e-6) ** 2, 1)  # an aperture may be described as a point
+        values = (DARK + (LIT - DARK - SHADE * out**2) * lit).astype(np.float32)
     return values
 
 
