@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
-from PySide6.QtGui import QResizeEvent, QShowEvent
+from PySide6.QtGui import QHideEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QGridLayout,
     QLabel,
@@ -32,6 +32,7 @@ from lfcal_gui.widgets import (
     Picture,
     PlaneTile,
     Strip,
+    WrappedLabel,
     button,
     clear,
     column_of,
@@ -42,7 +43,6 @@ from lfcal_gui.widgets import (
     scrolling,
     segment,
     table_entries,
-    wrapped,
 )
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ class PlanningPanel(QWidget):
         self.picture.moved.connect(self._moved)
         self.picture.box.sigResized.connect(lambda *_: None if self._showing else self._draw(self._area))
         self.optics = OpticsView()
-        self.facts, self.forecast = _figures(), _figures()
+        self.facts, self.forecast = _Figures(), _Figures()
         self.strip = Strip(_tip, 64)
         self.strip.setToolTip("Expected apertures in the planes of the scan. Click one to draw it in the cutout")
         self.strip.chosen.connect(lambda _: self._draw())
@@ -366,12 +366,31 @@ class PlanningPanel(QWidget):
             part.apply_theme()
 
 
-def _figures() -> QLabel:
-    label = wrapped("")
-    label.setTextFormat(Qt.TextFormat.RichText)
-    label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-    label.setAlignment(Qt.AlignmentFlag.AlignTop)
-    return label
+class _Figures(WrappedLabel):
+    """A table as rich text, which Qt has only while it is visible: arranging it takes long at each change of style."""
+
+    def __init__(self) -> None:
+        super().__init__(rich=True)
+        self.setTextFormat(Qt.TextFormat.RichText)
+        self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.setAlignment(Qt.AlignmentFlag.AlignTop)
+
+    def setText(self, text: str) -> None:
+        """Set the table."""
+        if self.isVisible():
+            super().setText(text)
+        else:
+            self._whole = text
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Show the table."""
+        super().setText(self._whole)
+        super().showEvent(event)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        """Keep only the text."""
+        super().hideEvent(event)
+        QLabel.setText(self, "")
 
 
 def _tip(z: int, tile: PlaneTile, count: int) -> str:
