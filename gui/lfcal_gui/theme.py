@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -247,7 +248,11 @@ def style_sheet() -> str:
     Set it on parts of a window, never on the application. That would also style thousands of widgets in plot menus
     that are never shown, which takes 2.5 s of processor time for each change.
     """
-    theme = current_theme()
+    return _sheet_of(current_theme())
+
+
+@cache
+def _sheet_of(theme: Theme) -> str:
     tick, arrow = (
         Path(__file__).with_name(f"{name}.svg").as_posix()
         for name in ("tick_white" if theme.accent_text == "#ffffff" else "tick_black", f"arrow_{theme.name}")

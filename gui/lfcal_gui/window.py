@@ -355,17 +355,24 @@ class MainWindow(QMainWindow):
         self.context.theme_changed.emit()
         self._refresh()
 
-    def _style(self) -> None:
-        """Apply the style sheet to the parts around the pages. Each page applies it when it is shown."""
+    def _style(self, *, hidden: bool = False) -> None:
+        """Apply the style sheet to the parts around the pages. Each page applies it when it is shown.
+
+        Parts that are ``hidden``, such as menus, take it in the next turn of the event loop.
+        """
         dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet())  # others follow their page
         parts = self.log_dock, self.job_line.sheet, self.rail.menu, self.header.menu, *self.menus.menus
         for part in (self.menuBar(), self.header, self.statusBar(), self.rail, *parts, self._manual, *dialogs):
-            if part is not None:
-                part.setStyleSheet(style_sheet())
+            if part is None or part.isHidden() is not hidden:
+                continue
+            part.setStyleSheet(style_sheet())
             if isinstance(part, Themed):  # a window with plots; a page redraws only its own plots
                 part.apply_theme()
         for window in self._windows.values():
-            window.apply_theme()
+            if window.isHidden() is hidden:
+                window.apply_theme()
+        if not hidden:
+            QTimer.singleShot(0, self, lambda: self._style(hidden=True))
 
     def copy_page(self) -> None:
         """Copy an image of the page to the clipboard."""
