@@ -13,15 +13,15 @@ from lfcal.tasks import FittedFeatures, Reconstructed, ReconstructedBars, Recons
 
 TESTED = (
     "In tests, 95 % intervals contained the true value for 94 to 98 % of bright voxels and 91 to 98 % of sums over "
-    "regions. Errors of H are included only as far as its noise is recorded."
+    "regions."
 )
 """What a reader of error bars should know."""
 
-UNTESTED = (
-    "Intervals were tested only with 60 iterations of rl-nesterov, at least 10 replicates and a contrast of 0.9. "
-    "Errors of H are included only as far as its noise is recorded."
-)
+UNTESTED = "Intervals were tested only with 60 iterations of rl-nesterov, at least 10 replicates and a contrast of 0.9."
 """What a reader of error bars from other settings should know."""
+
+EXACT = "H is assumed to be exact, apart from its recorded noise. If it was fitted, name the folder of the fit (--fit)."
+"""A limitation of results without the uncertainty of H."""
 
 
 def show(made: tuple[Reconstructed | ReconstructedBars | FittedFeatures | ReconstructionForecast, ...]) -> None:
@@ -69,12 +69,15 @@ def _show_bars(made: ReconstructedBars) -> None:
         rows = []
         for one in bars.regions:
             low, high = (amount(end) for end in one.interval(0.95))
-            values = [amount(value) for value in (one.total, one.sigma, one.noise)]
+            values = [amount(value) for value in (one.total, one.sigma, one.noise, one.h, one.object)]
             rows.append([str(one.label), *values, f"{low} to {high}"])
-        print_table(["region", "sum", "sigma", "of it noise", "95 % interval"], rows, title="sums over regions")
+        columns = ["region", "sum", "sigma", "noise", "H", "object", "95 % interval"]
+        print_table(columns, rows, title="sums over regions; the three parts of sigma add in quadrature")
     unknown = bars.unknown.mean()
     typer.echo(f"{bars.replicates} replicates; nothing is known about details of {100 * unknown:.0f} % of the voxels")
     typer.echo(TESTED if made.tested else UNTESTED)
+    if not made.fitted:
+        typer.echo(EXACT)
 
 
 def _show_features(made: FittedFeatures) -> None:

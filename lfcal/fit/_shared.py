@@ -5,6 +5,7 @@ from __future__ import annotations
 from lfcal.fit._frame_noise import DARK, noises_of
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.design import PositionDesign, draw_design, iter_next_positions
+from lfcal.fit.deviations import iter_write_deviations
 from lfcal.fit.drawing import leftover_of
 from lfcal.fit.earlier import Earlier, read_earlier
 from lfcal.fit.field import FieldFit, FieldRegion, Regional, iter_fit_field
@@ -112,6 +113,7 @@ __all__ = [
     "iter_next_positions",
     "iter_retrieved",
     "iter_summarised",
+    "iter_write_deviations",
     "iter_write_field",
     "iter_write_fit",
     "iter_write_model",

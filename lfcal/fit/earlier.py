@@ -20,11 +20,12 @@ from lfcal.fit.result import Fit
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import effect_from, read_entries
 
-__all__ = ["Earlier", "read_earlier"]
+__all__ = ["NAMES", "Earlier", "read_earlier"]
 
 F8 = NDArray[np.float64]
 
 NAMES = ("camera.json", "effects.json", "fit.json")
+"""Files of a fit that describe the fitted camera and its uncertainty."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,20 +93,36 @@ class Earlier:
 
         The information is zero for unknowns that were not fitted or not determined.
         """
-        places = {name: k for k, name in enumerate(self.names)}
-        both = [(k, places[one.name]) for k, one in enumerate(unknowns) if one.name in places]
-        own, there = np.array([a for a, _ in both], np.intp), np.array([b for _, b in both], np.intp)
+        own, there, sigmas = self._common(unknowns)
         out = np.zeros((len(unknowns), len(unknowns)))
-        sigmas = np.array([_in_scales(unknowns[a], self.sigmas[b], self.values[b]) for a, b in both])
-        # an undetermined parameter has no standard deviation
-        known = sigmas > 0
-        own, there, sigmas = own[known], there[known], sigmas[known]
         if len(own):
             values, vectors = np.linalg.eigh(self.correlations[np.ix_(there, there)])
             good = values > 1e-12 * values.max()
             inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
             out[np.ix_(own, own)] = inverse / np.outer(sigmas, sigmas)
         return out
+
+    def roots(self, unknowns: Sequence[Unknown]) -> F8:
+        """Return vectors ``(m, k)`` whose outer products add up to the covariance of ``unknowns``, in their scales.
+
+        The covariance is zero for unknowns that were not fitted or not determined.
+        """
+        own, there, sigmas = self._common(unknowns)
+        values, vectors = np.linalg.eigh(self.correlations[np.ix_(there, there)] * np.outer(sigmas, sigmas))
+        good = values > 1e-12 * values.max(initial=0.0)
+        out = np.zeros((int(good.sum()), len(unknowns)))
+        out[:, own] = (vectors[:, good] * np.sqrt(values[good])).T
+        return out
+
+    def _common(self, unknowns: Sequence[Unknown]) -> tuple[NDArray[np.intp], NDArray[np.intp], F8]:
+        """Return the indices in ``unknowns`` of those that were fitted, their own indices, and sigmas in scales."""
+        places = {name: k for k, name in enumerate(self.names)}
+        both = [(k, places[one.name]) for k, one in enumerate(unknowns) if one.name in places]
+        sigmas = np.array([_in_scales(unknowns[a], self.sigmas[b], self.values[b]) for a, b in both])
+        # an undetermined parameter has no standard deviation
+        known = sigmas > 0
+        pairs = np.array(both, np.intp).reshape(-1, 2)[known]
+        return pairs[:, 0], pairs[:, 1], sigmas[known]
 
 
 def _in_scales(unknown: Unknown, sigma: float, value: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -180,6 +180,8 @@ class ModelPlanes(PlaneSource):
         The setup to compute, and the scan as planned.
     gains
         Factor for the patterns of each plane ``(nz,)``.
+    sampling
+        Sampling, usually one of `Fineness`.
 
     Raises
     ------
@@ -187,8 +189,16 @@ class ModelPlanes(PlaneSource):
         If H is computed in units, and an effect of the setup cannot be found by its name.
     """
 
-    def __init__(self, header: Header, setup: Setup, planned: ScanPlan, gains: Sequence[float]) -> None:
+    def __init__(
+        self,
+        header: Header,
+        setup: Setup,
+        planned: ScanPlan,
+        gains: Sequence[float],
+        sampling: Sampling = Fineness.finest,
+    ) -> None:
         self.header, self.setup, self.planned, self.gains = header, setup, planned, tuple(gains)
+        self.sampling = sampling
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
         """Compute plane ``z``; progress counts the rows of this plane if ``alone``, otherwise those of all planes."""
@@ -196,7 +206,7 @@ class ModelPlanes(PlaneSource):
         clock, before = (Clock(f"model plane {z}", ny), 0) if alone else (Clock("model", nz * ny), z * ny)
         count, gain = worker_count(workers), np.float32(self.gains[z])
         yield clock.at(before)
-        values, plane = zeros(), PlaneModel(self.setup, self.planned, z, Fineness.finest)
+        values, plane = zeros(), PlaneModel(self.setup, self.planned, z, self.sampling)
 
         def rows(start: int, stop: int) -> None:
             for y in range(start, stop):
@@ -219,6 +229,7 @@ class ModelPlanes(PlaneSource):
             "aside_px": setup.aside_px,
             "plan": self.planned.to_dict(),
             "gains": self.gains,
+            "sampling": asdict(self.sampling),
         }
         return Reopening(f"{__name__}:{open_model.__name__}", values)
 
@@ -237,4 +248,5 @@ def open_model(values: Mapping[str, Any], workers: int) -> ModelPlanes:
         tuple(values["depth_errors_um"]),
         aside_px=(rows, columns),
     )
-    return ModelPlanes(Header(planned.shape, planned.depths_um), setup, planned, values["gains"])
+    header, sampling = Header(planned.shape, planned.depths_um), Sampling(**values["sampling"])
+    return ModelPlanes(header, setup, planned, values["gains"], sampling)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,10 +20,18 @@ from lfcal.reconstruct.margin import widened
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers import Reconstruction, SolverChoice, iter_solve
 
-__all__ = ["Imaging", "ObjectModel", "Replicates", "SampleNoise", "blurred"]
+__all__ = ["Imager", "Imaging", "ObjectModel", "Replicates", "SampleNoise", "blurred"]
 
-Imaging = Callable[[np.random.Generator], Projector]
-"""Function that returns the projector of an H drawn from its uncertainty."""
+
+class Imager(Protocol):
+    """Protocol for an H that images volumes, such as a `Projector`."""
+
+    def forward(self, volume: ArrayLike, /) -> NDArray[Any]:
+        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``."""
+
+
+Imaging = Callable[[np.random.Generator], Imager]
+"""Function that returns an H drawn from its uncertainty."""
 
 CORRELATIONS = (1.0, 3.0, 10.0, 30.0)
 """Correlation lengths of the relative fluctuations of synthetic objects (voxels), each with the same variance.
@@ -156,7 +164,7 @@ class Replicates:
     weights
         Weight of each pixel, ``(Y, X)``. None: 1.
     imaging
-        Function that returns the projector of an H drawn from its uncertainty, which images a replicate. None: `P`.
+        Function that returns an H drawn from its uncertainty, which images a replicate. None: `P`.
     """
 
     P: Projector
@@ -164,6 +172,11 @@ class Replicates:
     image: NDArray[np.float32]
     weights: NDArray[np.float32] | None
     imaging: Imaging | None
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether H has errors, from its recorded noise or from the uncertainty of a fit."""
+        return self.imaging is not None or self.P.noise is not None
 
     @classmethod
     def of(
@@ -244,13 +257,14 @@ class Replicates:
         key
             Seed, and number of the replicate from 0.
         quiet
-            Whether the frame is also reconstructed without noise.
+            Whether the frame is also reconstructed without noise and, if H is `uncertain`, without noise and with the
+            exact H.
 
         Returns
         -------
         list
-            The reconstruction, the object, and with ``quiet`` the reconstruction without noise, each ``(nz, Y, X)``
-            with margin.
+            The reconstruction and the object, with ``quiet`` followed by the reconstructions without noise and with
+            the exact H, each ``(nz, Y, X)`` with margin.
         """
         rng = np.random.default_rng(key)
         drawn = model.draw(rng)
@@ -259,12 +273,17 @@ class Replicates:
         light = np.maximum(imaging.forward(drawn), 0)
         # the error due to the noise of H, and to its reduction, is that of an H recorded again
         P = self.P.with_new_noise(int(rng.integers(1 << 31)))
+        name = f"replicate {key[1] + 1}"
+        runs = [(noise.sampled(light, rng), P, name)]
+        if quiet:
+            runs.append((noise.limited(light), P, f"{name} without noise"))
+        if quiet and self.uncertain:
+            exact = np.maximum(self.P.forward(drawn), 0)
+            runs.append((noise.limited(exact), self.P, f"{name} without noise, with the exact H"))
         bad = ~np.isfinite(self.image)
-        frames = [noise.sampled(light, rng)] + ([noise.limited(light)] if quiet else [])
         found: list[NDArray[Any]] = []
-        for k, frame in enumerate(frames):
+        for k, (frame, projector, note) in enumerate(runs):
             frame[bad] = np.nan
-            note = f"replicate {key[1] + 1}" + (" without noise" if k else "")
-            made = yield from self.iter_run(clock, done + k * self.choice.iterations, note, frame, P)
+            made = yield from self.iter_run(clock, done + k * self.choice.iterations, note, frame, projector)
             found.append(made.volume)
         return [found[0], drawn, *found[1:]]

@@ -7,6 +7,7 @@ import io
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -20,17 +21,21 @@ from lfcal.base.h5 import H5File
 from lfcal.psf import voxel_um
 from lfcal.reconstruct._frame_units import device_for, device_hints, tool_for
 from lfcal.reconstruct._replicates import ObjectModel, Replicates, SampleNoise
+from lfcal.reconstruct._uncertain_h import UncertainH
 from lfcal.reconstruct.error_bars import ErrorBars, ErrorSums, check_bars, check_labels, without_noise
 from lfcal.reconstruct.frame_files import read_frame, related, targets_of
 from lfcal.reconstruct.frame_run import FrameRun, memory_for
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.optics import SharedOptics
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers import SolverChoice
 from lfcal.reconstruct.volumes import VolumeFacts, load_labels, load_volume, save_volume, write_volumes
 from lfcal.records import BootstrapSettings
-from lfcal.work import RunChoice, Unit, file_name, iter_begun, iter_made, parts_folder
+from lfcal.work import ProcessCache, RunChoice, Unit, file_name, iter_begun, iter_made, parts_folder, stamp_of
 
 __all__ = ["bar_outputs", "iter_bars"]
+
+_UNCERTAIN: ProcessCache[tuple[UncertainH, ExitStack]] = ProcessCache(lambda held: held[1].close())
 
 MAPS = ("sigma", "kappa", "resolution")
 """Attributes of `ErrorBars` that are written next to the volume, and endings of the names of their files."""
@@ -49,6 +54,7 @@ def iter_bars(
     labels: Path | None,
     how: RunChoice,
     details: Mapping[str, Any],
+    changes: Path | None = None,
 ) -> Work[ErrorBars]:
     """Reconstruct the frame of ``run`` with error bars, write the files of `bar_outputs`, and return the `ErrorBars`.
 
@@ -66,6 +72,9 @@ def iter_bars(
         Executor of the work units, and treatment of results left by an earlier run.
     details
         Additional metadata to store in all files.
+    changes
+        File of the changes of H along the axes of its uncertainty, as in `UncertainH.of`. None: H has no errors apart
+        from its stated noise.
 
     Raises
     ------
@@ -80,7 +89,7 @@ def iter_bars(
         )
     shape = (len(run.matrices[0]), *run.shape)
     regions = check_labels(None if labels is None else load_labels(labels, run.projector.known_depths), shape)
-    first, others = bar_units(run, out, settings, regions is not None, how)
+    first, others = bar_units(run, out, settings, regions is not None, how, changes)
     title = f"error bars of {out.name}"
     # a run of the first unit alone would delete finished replicates
     if how.begun != "resume" or not Path(others[0].arguments["volume"]).exists():
@@ -92,7 +101,7 @@ def iter_bars(
 
 
 def bar_units(
-    run: FrameRun, out: Path, settings: BootstrapSettings, regions: bool, how: RunChoice
+    run: FrameRun, out: Path, settings: BootstrapSettings, regions: bool, how: RunChoice, changes: Path | None = None
 ) -> tuple[Unit, list[Unit]]:
     """Return the work unit of the volume, and the units of the replicates, which read the file of the volume.
 
@@ -117,13 +126,15 @@ def bar_units(
     }
     first = Unit("volume", f"{__name__}:{do_volume.__name__}", shared, **common)
     volume = os.path.abspath(parts_folder(out) / file_name(first, first.fingerprint()))
+    if changes is not None:
+        common["inputs"] = (*common["inputs"], os.path.abspath(changes))
+    own = {"volume": volume, "contrast": settings.contrast, "seed": settings.seed}
+    own["changes"] = "" if changes is None else os.path.abspath(changes)
     others = [
         Unit(
             f"replicate {k + 1}",
             f"{__name__}:{do_replicate.__name__}",
-            shared
-            | {"volume": volume, "contrast": settings.contrast, "seed": settings.seed, "replicate": k}
-            | {"quiet": regions and without_noise(k)},
+            shared | own | {"replicate": k, "quiet": regions and without_noise(k)},
             **common,
         )
         for k in range(settings.replicates)
@@ -147,17 +158,32 @@ def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[Non
 def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
     """Reconstruct a replicate, as the task of a work unit.
 
-    The reconstruction, the object and, if requested, the reconstruction without noise are written to ``out`` as one
-    volume, concatenated along z. ``arguments`` and ``workers`` are as in `do_volume`.
+    The volumes of `Replicates.iter_replicate` are written to ``out`` as one volume, concatenated along z. ``arguments``
+    and ``workers`` are as in `do_volume`.
     """
     runs = yield from _iter_runs(arguments, workers)
+    if arguments["changes"]:
+        runs = replace(runs, imaging=_imaging(runs.P, arguments, workers))
     volume = load_volume(arguments["volume"])
     noise = SampleNoise(**_details(Path(arguments["volume"]))["noise"])
     model = ObjectModel.of(volume, arguments["contrast"])
     quiet, key = arguments["quiet"], (arguments["seed"], arguments["replicate"])
-    clock = Clock(f"replicate {key[1] + 1}", (1 + quiet) * runs.choice.iterations)
+    count = 1 + (1 + runs.uncertain) * quiet
+    clock = Clock(f"replicate {key[1] + 1}", count * runs.choice.iterations)
     found = yield from runs.iter_replicate(clock, 0, model, noise, key, quiet=quiet)
     save_volume(out, np.concatenate(found))
+
+
+def _imaging(P: Projector, arguments: Mapping[str, Any], workers: int) -> UncertainH:
+    """Return H with the uncertainty that a unit states; it is shared by the units in a process."""
+
+    def opened() -> tuple[UncertainH, ExitStack]:
+        with ExitStack() as stack:
+            (H,) = SharedOptics.of(arguments["optics"]).open(stack)
+            return UncertainH.of(P, H, Path(arguments["changes"]), stack, workers), stack.pop_all()
+
+    key = (id(P), arguments["changes"], stamp_of([arguments["changes"]]))
+    return _UNCERTAIN.get(key, opened)[0]
 
 
 def _details(part: Path) -> dict[str, Any]:
@@ -222,8 +248,9 @@ def _table(bars: ErrorBars) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     ends = [f"{end}_{level}" for level in (68, 95) for end in ("low", "high")]
-    writer.writerow(["label", "first_plane", "last_plane", "voxels", "sum", "sigma", "sigma_noise", *ends])
+    parts = ["sigma_noise", "sigma_h", "sigma_object"]
+    writer.writerow(["label", "first_plane", "last_plane", "voxels", "sum", "sigma", *parts, *ends])
     for one in bars.regions:
-        values = [one.total, one.sigma, one.noise, *one.interval(0.6827), *one.interval(0.95)]
+        values = [one.total, one.sigma, one.noise, one.h, one.object, *one.interval(0.6827), *one.interval(0.95)]
         writer.writerow([one.label, *one.planes, one.voxels, *(f"{value:.6g}" for value in values)])
     return text.getvalue()

@@ -8,6 +8,7 @@ samples show which parts of a volume are unknown: there, the error is as large a
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -91,9 +92,9 @@ class RegionSum:
         Sum over the region (the units of the volume).
     sigma
         Standard uncertainty of the sum, from all causes.
-    noise
-        Standard deviation of the sum due to the noise of the frame alone; the rest of `sigma` is due to the limited
-        number of iterations, and to what H cannot image.
+    noise, h, object
+        Parts of `sigma`, which add up to it in quadrature: due to the noise of the frame, to errors of H, and to the
+        object (the limited number of iterations, and what H cannot image).
     replicates
         Number of replicates that `sigma` is estimated from.
     """
@@ -104,6 +105,8 @@ class RegionSum:
     total: float
     sigma: float
     noise: float
+    h: float
+    object: float
     replicates: int
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
@@ -217,15 +220,22 @@ def without_noise(k: int) -> bool:
     return k % 3 == 0
 
 
-def runs_of(choice: SolverChoice, settings: BootstrapSettings, regions: bool) -> int:
+def more_runs(k: int, *, regions: bool, uncertain: bool) -> int:
+    """Return the number of additional reconstructions of replicate ``k`` (from 0) that split the errors of regions.
+
+    ``regions`` states whether there are regions, and ``uncertain`` whether H has errors.
+    """
+    return (1 + uncertain) * (regions and without_noise(k))
+
+
+def runs_of(choice: SolverChoice, settings: BootstrapSettings, *, regions: bool, uncertain: bool) -> int:
     """Return the number of reconstructions for error bars.
 
     It is one for the frame, one for each replicate, and one more if ``choice`` does not state the noise.
-    ``choice`` and ``settings`` are as in `iter_error_bars`. If ``regions`` is true, the reconstructions of replicates
-    without noise are counted as well.
+    ``choice`` and ``settings`` are as in `iter_error_bars`, and the other arguments as in `more_runs`.
     """
-    quiet = sum(map(without_noise, range(settings.replicates))) if regions else 0
-    return (1 if SampleNoise.of(choice) else 2) + settings.replicates + quiet
+    more = sum(more_runs(k, regions=regions, uncertain=uncertain) for k in range(settings.replicates))
+    return (1 if SampleNoise.of(choice) else 2) + settings.replicates + more
 
 
 class ErrorSums:
@@ -249,14 +259,20 @@ class ErrorSums:
         self._errors = [np.zeros(volume.shape, np.float32) for _ in BLURS]
         self._details = [np.zeros(volume.shape, np.float32) for _ in BLURS]
         self._regions: list[NDArray[np.float64]] = []
-        self._quiet: list[NDArray[np.float64]] = []
+        self._parts: list[NDArray[np.float64]] = []
 
     @property
     def count(self) -> int:
         """Number of replicates so far."""
         return len(self._regions)
 
-    def add(self, made: NDArray[Any], drawn: NDArray[Any], quiet: NDArray[Any] | None = None) -> None:
+    def add(
+        self,
+        made: NDArray[Any],
+        drawn: NDArray[Any],
+        quiet: NDArray[Any] | None = None,
+        exact: NDArray[Any] | None = None,
+    ) -> None:
         """Add a replicate.
 
         Parameters
@@ -265,6 +281,8 @@ class ErrorSums:
             Reconstruction and object of the replicate, ``(nz, Y, X)``.
         quiet
             Reconstruction of the same object from a frame without noise. None: not computed.
+        exact
+            The same with the exact H. None: ``quiet``, because H has no errors.
         """
         error = np.asarray(made, np.float32) - drawn
         detail = drawn - self._mean
@@ -273,7 +291,8 @@ class ErrorSums:
             self._details[k] += blurred(detail, width) ** 2
         self._regions.append(self._sums(error))
         if quiet is not None:
-            self._quiet.append(self._sums(np.asarray(made, np.float32) - quiet))
+            steps = (np.asarray(made, np.float32), quiet, quiet if exact is None else exact, drawn)
+            self._parts.append(np.array([self._sums(a - b) for a, b in itertools.pairwise(steps)]))
 
     def _sums(self, volume: NDArray[Any]) -> NDArray[np.float64]:
         """Return the sums of ``volume`` over the regions, in the order of their labels."""
@@ -318,15 +337,24 @@ class ErrorSums:
             return ()
         totals, counts = self._sums(self._volume), np.bincount(self._labels.ravel())
         sigmas = np.sqrt(np.mean(np.square(self._regions), axis=0))
-        noises = np.sqrt(np.mean(np.square(self._quiet), axis=0)) if self._quiet else np.full(len(totals), np.nan)
+        parts = self._shares() * sigmas
         found = []
         for k, label in enumerate(self._names):
             if label:
                 planes = np.flatnonzero((self._labels == k).any(axis=(1, 2)))
                 ends = int(planes[0]), int(planes[-1])
-                total, sigma, noise = (float(values[k]) for values in (totals, sigmas, noises))
-                found.append(RegionSum(int(label), ends, int(counts[k]), total, sigma, noise, self.count))
+                noise, h, own = (float(one) for one in parts[:, k])
+                total, sigma = float(totals[k]), float(sigmas[k])
+                found.append(RegionSum(int(label), ends, int(counts[k]), total, sigma, noise, h, own, self.count))
         return tuple(found)
+
+    def _shares(self) -> NDArray[np.float64]:
+        """Return the parts of the uncertainty of each region relative to the whole, ``(3, regions)``; NaN: unknown."""
+        if not self._parts:
+            return np.full((3, len(self._names)), np.nan)
+        squares = np.mean(np.square(self._parts), axis=0)
+        found: NDArray[np.float64] = np.sqrt(squares / np.maximum(squares.sum(axis=0), np.finfo(np.float64).tiny))
+        return found
 
 
 def iter_error_bars(
@@ -342,7 +370,8 @@ def iter_error_bars(
     """Reconstruct ``image``; return `ErrorBars` for every voxel and for the sums over labelled regions.
 
     The number of reconstructions is one for the volume, one for each replicate, and one more if the noise is unknown.
-    With ``labels``, every third replicate is also reconstructed without noise, to find the contribution of the noise.
+    With ``labels``, every third replicate is also reconstructed without noise, and if H has errors, also with the exact
+    H, to find the contributions of noise, H and object.
 
     Parameters
     ----------
@@ -361,9 +390,9 @@ def iter_error_bars(
     labels
         Label of every voxel, ``(nz, Y, X)`` or ``(Y, X)`` for all planes: positive integers inside regions, else 0.
     imaging
-        Function that draws an H from its uncertainty with a random generator, and returns its projector. An example is
-        the H of a camera drawn from the covariance of a fit. It is called for each replicate, which this projector
-        images. None: ``P`` images all replicates.
+        Function that draws an H from its uncertainty with a random generator, and returns a projector of it, of which
+        only ``forward`` is used. It is called for each replicate, which this H images. None: ``P`` images all
+        replicates.
 
     Raises
     ------
@@ -384,7 +413,8 @@ def iter_error_bars(
     runs = Replicates.of(P, image, choice, weights, imaging)
     nz, rows, columns = P.volume_shape
     regions = check_labels(labels, (nz, rows - 2 * choice.margin, columns - 2 * choice.margin))
-    clock = Clock("error bars", choice.iterations * runs_of(choice, own, regions is not None))
+    kind = {"regions": regions is not None, "uncertain": runs.uncertain}
+    clock = Clock("error bars", choice.iterations * runs_of(choice, own, **kind))
     result = yield from runs.iter_run(clock, 0, "volume")
     volume = result.volume
     model = ObjectModel.of(volume, own.contrast)
@@ -395,7 +425,7 @@ def iter_error_bars(
         quiet = regions is not None and without_noise(k)
         found = yield from runs.iter_replicate(clock, done, model, noise, (own.seed, k), quiet=quiet)
         sums.add(*(cropped(one, choice.margin) for one in found))
-        done += (1 + quiet) * choice.iterations
+        done += (1 + more_runs(k, **kind)) * choice.iterations
     return sums.result((*result.notes, *notes))
 
 

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from lfcal.base import FileFormatError, InputError, Work, write_text
 from lfcal.frames.lists import read_table
 from lfcal.psf import voxel_um
 from lfcal.reconstruct._feature_shapes import BEYOND
+from lfcal.reconstruct._uncertain_h import UncertainH
 from lfcal.reconstruct.features import Feature, FeatureFit, FittedFeature, depth_at, iter_fit_features
 from lfcal.reconstruct.frame_files import cleaner, related, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
@@ -103,6 +105,7 @@ def iter_features(
     features: Sequence[Feature] | None,
     settings: BootstrapSettings,
     details: Mapping[str, Any],
+    changes: Path | None = None,
 ) -> Work[FeatureFit]:
     """Fit ``features`` to the frame of ``run``, and write the files of `feature_outputs`.
 
@@ -118,6 +121,9 @@ def iter_features(
         Contrast of the rest, and seed, as in `iter_fit_features`.
     details
         Additional entries of the volume's file.
+    changes
+        File of the changes of H along the axes of its uncertainty, as in `UncertainH.of`. None: H has no errors apart
+        from its stated noise.
 
     Raises
     ------
@@ -134,10 +140,11 @@ def iter_features(
     frame = cleaner(run.optics.light_field, run.view)(image)
     if not run.choice.solver.in_parts:
         yield from run.projector.iter_prepare()
-    fit = yield from iter_fit_features(
-        run.projector, frame, features, run.choice, contrast=settings.contrast, weights=weights, seed=settings.seed
-    )
     P = run.projector
+    how: dict[str, Any] = {"contrast": settings.contrast, "weights": weights, "seed": settings.seed}
+    with ExitStack() as stack:
+        imaging = None if changes is None else UncertainH.of(P, run.matrices[0], changes, stack)
+        fit = yield from iter_fit_features(P, frame, features, run.choice, imaging=imaging, **how)
     known = {**run.details, **details, "method": P.method, "quantity": "rest", "bootstrap": asdict(settings)}
     facts = VolumeFacts(P.known_depths, voxel_um(run.matrices[0]), known)
     write_text(feature_outputs(out)[1], _table(fit.features))

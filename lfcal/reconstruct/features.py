@@ -20,6 +20,7 @@ from lfcal.base import Clock, InputError, Progress, Work, check_number, drained
 from lfcal.reconstruct._feature_fit import DRAWS, Covariance, FeatureScene, misfits, solution
 from lfcal.reconstruct._feature_shapes import BEAD, BEYOND, NARROWEST, WIDEST, Shape
 from lfcal.reconstruct._replicates import FAINTEST, Imaging, Replicates, SampleNoise, blurred
+from lfcal.reconstruct._uncertain_h import UncertainH
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers import Reconstruction, SolverChoice, SolverProgress, iter_solve
@@ -422,11 +423,16 @@ class _Fit:
         modes = np.zeros((0, *weight.shape))
         imaging = self._runs.imaging
         if imaging is not None and not exact:
-            volume = rest + scene.volume()
-            rng, expected = np.random.default_rng(self._seed), self._P.forward(volume)
-            drawn = [imaging(rng).forward(volume) - expected for _ in range(ERROR_DRAWS)]
-            modes = np.array(drawn, np.float64) / math.sqrt(ERROR_DRAWS)
+            modes = self._modes(imaging, rest + scene.volume())
         return Covariance(self._P, weight, spread, self._contrast, modes)
+
+    def _modes(self, imaging: Imaging, volume: F4) -> F8:
+        """Return images ``(m, Y, X)`` whose outer products are the covariance that errors of H cause."""
+        if isinstance(imaging, UncertainH):
+            return imaging.modes(volume)
+        rng, expected = np.random.default_rng(self._seed), self._P.forward(volume)
+        drawn = [imaging(rng).forward(volume) - expected for _ in range(ERROR_DRAWS)]
+        return np.array(drawn, np.float64) / math.sqrt(ERROR_DRAWS)
 
     def _features(self, scene: FeatureScene) -> list[Feature]:
         """Return the present values of the features, without margin."""

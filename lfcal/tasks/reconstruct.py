@@ -137,12 +137,13 @@ class ReconstructedBars(TaskResult):
     """Volume with error bars, and its files: the volume, its maps, and the table of regions.
 
     ``tested`` is True if there are at least 10 replicates, and the intervals were tested with the same solver, number
-    of iterations and contrast of replicates.
+    of iterations and contrast of replicates. ``fitted`` states whether the uncertainty of a fit of H is included.
     """
 
     bars: ErrorBars
     files: tuple[Path, ...]
     tested: bool
+    fitted: bool
 
     def _values(self) -> dict[str, Any]:
         regions = [
@@ -150,6 +151,7 @@ class ReconstructedBars(TaskResult):
             for one in self.bars.regions
         ]
         known = {"replicates": self.bars.replicates, "unknown": float(self.bars.unknown.mean()), "tested": self.tested}
+        known["fitted"] = self.fitted
         return {"files": self.files, **known, "notes": self.bars.notes, "regions": regions}
 
 
@@ -439,7 +441,40 @@ class ReconstructSeries(Reconstruct):
 
 
 @record
-class ReconstructBars(_ReconstructTo):
+class _ReconstructUncertain(_ReconstructTo):
+    """Fields of reconstructions whose uncertainty includes errors of H."""
+
+    fit: Path | None = opt(
+        None,
+        "Folder of the fit (lfcal fit) from which H was computed. The uncertainty of its camera is included.",
+        label="Fit of the camera",
+        file="in",
+        empty="H has no errors apart from its recorded noise",
+    )
+    solver: SolverFields = one_of(RlNesterovSolver(iterations=60), "Solver", SOLVER_KINDS)
+    grid: VoxelGrid = panel(VoxelGrid(), "Voxels", without=("voxel",))
+
+    def __post_init__(self) -> None:
+        """Check every field and the combinations that exclude each other."""
+        super().__post_init__()
+        if self.fit and self.regions:
+            raise InputError.expected("--fit", "H of one region", "--region", "leave one of them out")
+
+    def _iter_changes(self, run: FrameRun, how: RunSettings) -> Work[Path | None]:
+        """Return the file with the changes of H along the axes of its uncertainty; compute it if necessary."""
+        from lfcal.fit import iter_write_deviations
+        from lfcal.work import RunChoice
+
+        if self.fit is None:
+            return None
+        units = how.executor or how.scheduler or how.resume
+        executor = how.executor or ("dask" if how.scheduler else "threads")
+        choice = RunChoice(executor, how.workers, how.scheduler, "resume") if units else None
+        return (yield from iter_write_deviations(self.fit, run.matrices[0], workers=how.workers, run=choice))
+
+
+@record
+class ReconstructBars(_ReconstructUncertain):
     """Reconstruct the volume behind a light-field frame with error bars of its voxels and of sums over regions.
 
     Examples
@@ -471,8 +506,6 @@ class ReconstructBars(_ReconstructTo):
         file="in",
         empty="no table of regions",
     )
-    solver: SolverFields = one_of(RlNesterovSolver(iterations=60), "Solver", SOLVER_KINDS)
-    grid: VoxelGrid = panel(VoxelGrid(), "Voxels", without=("voxel",))
     bootstrap: BootstrapSettings = panel(BootstrapSettings(), "Replicates")
 
     def __post_init__(self) -> None:
@@ -496,22 +529,24 @@ class ReconstructBars(_ReconstructTo):
         how = run or RunSettings()
         with ExitStack() as stack:
             found = self._prepare(stack, how.workers)
-            count = runs_of(found.choice, self.bootstrap, self.labels is not None)
+            uncertain = self.fit is not None or found.projector.noise is not None
+            count = runs_of(found.choice, self.bootstrap, regions=self.labels is not None, uncertain=uncertain)
             seconds = found.seconds * count
             runs = f"{count} reconstructions with {found.iterations} iterations"
             note(f"error bars need {runs}, about {format_seconds(seconds)}")
             here = RunChoice("threads", how.workers, begun="discard")
             choice = how.choice(self.out, seconds, "one by one") or here
             details = with_task(self, *found.matrices)
-            made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details)
+            changes = yield from self._iter_changes(found, how)
+            made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details, changes)
         default, own = type(self).__dataclass_fields__["solver"].default, self.solver
         tested = own.name == default.name and own.iterations == default.iterations
         tested &= self.bootstrap.contrast == BootstrapSettings().contrast and self.bootstrap.replicates >= 10
-        return (ReconstructedBars(made, self.files("out"), tested),)
+        return (ReconstructedBars(made, self.files("out"), tested, self.fit is not None),)
 
 
 @record
-class ReconstructFeatures(_ReconstructTo):
+class ReconstructFeatures(_ReconstructUncertain):
     r"""Fit beads and lines on a light-field frame with their uncertainties, and reconstruct the rest of the volume.
 
     Examples
@@ -542,8 +577,6 @@ class ReconstructFeatures(_ReconstructTo):
         is_path=lambda text: text != AUTO,
         examples=(AUTO,),
     )
-    solver: SolverFields = one_of(RlNesterovSolver(iterations=60), "Solver", SOLVER_KINDS)
-    grid: VoxelGrid = panel(VoxelGrid(), "Voxels", without=("voxel",))
     bootstrap: BootstrapSettings = panel(BootstrapSettings(), "Replicates", without=("replicates",))
 
     def files(self, way: str) -> tuple[Path, ...]:
@@ -562,7 +595,8 @@ class ReconstructFeatures(_ReconstructTo):
             depths = found.projector.depths
             given = None if self.features == AUTO else read_features(Path(self.features), depths)
             details = with_task(self, *found.matrices)
-            fit = yield from iter_features(found, self.out, given, self.bootstrap, details)
+            changes = yield from self._iter_changes(found, how)
+            fit = yield from iter_features(found, self.out, given, self.bootstrap, details, changes)
         return (FittedFeatures(fit, self.files("out")),)
 
 

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.progress import drain
+from lfcal.fit import measured_of
+from lfcal.fit.files import iter_write_fit
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.reconstruct import (
     BootstrapSettings,
@@ -26,6 +29,8 @@ from lfcal.reconstruct import (
 from lfcal.reconstruct.volumes import volume_facts
 from lfcal.tasks import ReconstructBars, command_of, python_of
 from tests.cli.conftest import Lfcal
+from tests.fit.commands import undrawn
+from tests.fit.common import few_fit, few_patterns
 
 # -- ``lfcal reconstruct --bars``: maps, sums over regions, refusals, and runs that continue --
 SHAPE = (40, 44)
@@ -70,8 +75,9 @@ def test_maps_and_sums_are_those_of_python(lfcal: Lfcal, place: Path, tmp_path: 
     assert [int(row["label"]) for row in rows] == [1, 2] and rows[0]["first_plane"] == "0"
     for row, one in zip(rows, bars.regions, strict=True):
         low, high = one.interval(0.95)
-        found = [float(row[key]) for key in ("sum", "sigma", "sigma_noise", "low_95", "high_95")]
-        np.testing.assert_allclose(found, [one.total, one.sigma, one.noise, low, high], rtol=1e-3)
+        parts = ("sigma_noise", "sigma_h", "sigma_object")
+        found = [float(row[key]) for key in ("sum", "sigma", *parts, "low_95", "high_95")]
+        np.testing.assert_allclose(found, [one.total, one.sigma, one.noise, one.h, one.object, low, high], rtol=1e-3)
         assert f"{one.total:,.0f}" in done.out
     assert "3 replicates" in done.out and "Intervals were tested only with 60 iterations of rl-nesterov" in done.out
 
@@ -249,3 +255,55 @@ def test_a_place_without_a_bead_has_no_uncertainty(lfcal: Lfcal, beads: Path, tm
     (row,) = csv.DictReader((tmp_path / "v_features.csv").read_text().splitlines())
     free = [row[f"sigma_{name}"] for name in ("row", "column", "depth_um", "brightness", "width")]
     assert all(value == "" for value in free) or all(float(value) > 0 for value in free), row
+
+
+# -- ``--fit``: the uncertainty of a fitted H --
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a fit with its H, a bright frame of a bead on a wide square, and labels of the square."""
+    folder = tmp_path_factory.mktemp("fitted")
+    with pytest.MonkeyPatch.context() as patch:
+        undrawn(patch)
+        drain(iter_write_fit(few_fit(), measured_of(few_patterns()), folder / "fit", {}))
+    y, x = np.indices(SHAPE)
+    volume = 20 * np.exp(-((y - 18.2) ** 2 + (x - 21.7) ** 2) / 2)[None]
+    volume[0, 8:30, 10:34] += 1
+    with open_psf(folder / "fit" / "H.h5") as H:
+        light = Projector(H, SHAPE, workers=1).forward(volume)
+    frame = np.random.default_rng(3).poisson(5e4 * light / light.max())
+    tifffile.imwrite(folder / "frame.tif", frame.astype(np.uint16))
+    tifffile.imwrite(folder / "labels.tif", (volume[0] > 0.5).astype(np.uint8))
+    (folder / "bead.csv").write_text("row,column,width\n18,22,1\n")
+    return folder
+
+
+def test_the_uncertainty_of_a_fit_lengthens_the_bars(lfcal: Lfcal, fitted: Path, tmp_path: Path) -> None:
+    """With --fit, sums have a part that is due to H, and features are less certain; H is varied only once."""
+    words = ("reconstruct", fitted / "fit" / "H.h5", fitted / "frame.tif", "--margin", 0, "--gain", 1)
+    bars = ("--bars", "--labels", fitted / "labels.tif", "--solver", "rl", "-n", 4, "--replicates", 3)
+    rows = {}
+    for name, more in (("exact", ()), ("fitted", ("--fit", fitted / "fit"))):
+        done = lfcal(*words, "-o", tmp_path / f"{name}.npy", *bars, *more).ok()
+        assert ("assumed to be exact" in done.out) == (name == "exact")
+        (rows[name],) = csv.DictReader((tmp_path / f"{name}_regions.csv").read_text().splitlines())
+    assert float(rows["exact"]["sigma_h"]) == 0 < float(rows["fitted"]["sigma_h"])
+    sums = [rows[name]["sum"] for name in rows]
+    assert sums[0] == sums[1]
+    made = (fitted / "fit" / "deviations.h5").stat().st_mtime_ns
+    sigmas = []
+    for more in ((), ("--fit", fitted / "fit")):
+        done = lfcal(*words, "-o", tmp_path / "rest.npy", "--features", fitted / "bead.csv", "-n", 5, *more, "--json")
+        (one,) = json.loads(done.ok().out)["features"]
+        sigmas.append(one["sigmas"]["row"])
+        (tmp_path / "rest.npy").unlink()
+        (tmp_path / "rest_features.csv").unlink()
+    assert 0 < sigmas[0] < sigmas[1]
+    assert (fitted / "fit" / "deviations.h5").stat().st_mtime_ns == made
+
+
+def test_a_fit_that_does_not_apply_is_refused(lfcal: Lfcal, fitted: Path, place: Path, tmp_path: Path) -> None:
+    out = ("-o", tmp_path / "v.npy", "--fit", fitted / "fit")
+    lfcal("reconstruct", fitted / "fit" / "H.h5", fitted / "frame.tif", *out).refused("--fit: expected")
+    lfcal("reconstruct", place / "H.h5", place / "frame.tif", *out, "--bars").refused("name the fit of this scan")
+    words = ("reconstruct", place / "H.h5", place / "frame.tif", *out, "--bars", "--region", place / "H.h5")
+    lfcal(*words).refused("--fit: expected H of one region")
