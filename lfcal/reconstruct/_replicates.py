@@ -242,7 +242,7 @@ class Replicates:
         return SampleNoise.measured(self.choice, image, self.P.forward(volume) + self.choice.background, trust)
 
     def iter_replicate(
-        self, clock: Clock, done: int, model: ObjectModel, noise: SampleNoise, key: tuple[int, int], *, quiet: bool
+        self, clock: Clock, done: int, model: ObjectModel, noise: SampleNoise, key: tuple[int, int], *, split: bool
     ) -> Work[list[NDArray[Any]]]:
         """Reconstruct the frame of a random object.
 
@@ -256,14 +256,14 @@ class Replicates:
             Noise of the frame.
         key
             Seed, and number of the replicate from 0.
-        quiet
+        split
             Whether the frame is also reconstructed without noise and, if H is `uncertain`, without noise and with the
             exact H.
 
         Returns
         -------
         list
-            The reconstruction and the object, with ``quiet`` followed by the reconstructions without noise and with
+            The reconstruction and the object, with ``split`` followed by the reconstructions without noise and with
             the exact H, each ``(nz, Y, X)`` with margin.
         """
         rng = np.random.default_rng(key)
@@ -275,9 +275,9 @@ class Replicates:
         P = self.P.with_new_noise(int(rng.integers(1 << 31)))
         name = f"replicate {key[1] + 1}"
         runs = [(noise.sampled(light, rng), P, name)]
-        if quiet:
+        if split:
             runs.append((noise.limited(light), P, f"{name} without noise"))
-        if quiet and self.uncertain:
+        if split and self.uncertain:
             exact = np.maximum(self.P.forward(drawn), 0)
             runs.append((noise.limited(exact), self.P, f"{name} without noise, with the exact H"))
         bad = ~np.isfinite(self.image)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.reconstruct.bar_run import bar_outputs, iter_bars
-from lfcal.reconstruct.error_bars import runs_of
+from lfcal.reconstruct.bar_run import BarForecast, bar_outputs, iter_bars
 from lfcal.reconstruct.feature_run import feature_outputs, iter_features, read_features
 from lfcal.reconstruct.frame_files import cleaner, frames_of, is_series, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
@@ -27,6 +26,7 @@ __all__ = [
     "PHANTOMS",
     "SUFFIXES",
     "VOLUME_FORMAT",
+    "BarForecast",
     "FrameRun",
     "SharedOptics",
     "VolumeFacts",
@@ -49,7 +49,6 @@ __all__ = [
     "read_features",
     "room_for_projections",
     "run_memory",
-    "runs_of",
     "targets_of",
     "usual_margin",
     "volume_facts",

@@ -8,7 +8,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,16 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, worker_count, write_text
+from lfcal.base import Clock, InputError, Work, format_bytes, format_seconds, worker_count, write_text
 from lfcal.base.h5 import H5File
 from lfcal.psf import voxel_um
 from lfcal.reconstruct._frame_units import device_for, device_hints, tool_for
 from lfcal.reconstruct._replicates import ObjectModel, Replicates, SampleNoise
 from lfcal.reconstruct._uncertain_h import UncertainH
-from lfcal.reconstruct.error_bars import ErrorBars, ErrorSums, check_bars, check_labels, without_noise
+from lfcal.reconstruct.error_bars import ErrorBars, ErrorSums, check_bars, check_labels, is_split, runs_of
 from lfcal.reconstruct.frame_files import read_frame, related, targets_of
 from lfcal.reconstruct.frame_run import FrameRun, memory_for
 from lfcal.reconstruct.margin import cropped
+from lfcal.reconstruct.memory import RunMemory
 from lfcal.reconstruct.optics import SharedOptics
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers import SolverChoice
@@ -33,12 +34,52 @@ from lfcal.reconstruct.volumes import VolumeFacts, load_labels, load_volume, sav
 from lfcal.records import BootstrapSettings
 from lfcal.work import ProcessCache, RunChoice, Unit, file_name, iter_begun, iter_made, parts_folder, stamp_of
 
-__all__ = ["bar_outputs", "iter_bars"]
+__all__ = ["BarForecast", "bar_outputs", "iter_bars", "write_maps"]
 
 _UNCERTAIN: ProcessCache[tuple[UncertainH, ExitStack]] = ProcessCache(lambda held: held[1].close())
 
 MAPS = ("sigma", "kappa", "resolution")
 """Attributes of `ErrorBars` that are written next to the volume, and endings of the names of their files."""
+
+
+USUAL_ITERATIONS = 26
+"""Iterations of ``rl-nesterov`` that take as long as a reconstruction with the default settings (measured)."""
+
+
+@dataclass(frozen=True)
+class BarForecast:
+    """Predicted cost of error bars.
+
+    Attributes
+    ----------
+    runs, iterations
+        Number of reconstructions, and number of iterations of each.
+    seconds
+        Predicted time (s), without the uncertainty of a fit.
+    memory
+        Predicted memory.
+    """
+
+    runs: int
+    iterations: int
+    seconds: float
+    memory: RunMemory
+
+    @classmethod
+    def of(cls, run: FrameRun, settings: BootstrapSettings, *, regions: bool, uncertain: bool) -> BarForecast:
+        """Return the forecast for ``run``; the other arguments are as in `runs_of`."""
+        uncertain |= run.projector.noise is not None
+        count = runs_of(run.choice, settings, regions=regions, uncertain=uncertain)
+        return cls(count, run.iterations, run.seconds * count, run.memory)
+
+    def __str__(self) -> str:
+        """Return the forecast as text."""
+        usual = max(1, round(self.runs * self.iterations / USUAL_ITERATIONS))
+        return (
+            f"error bars need {self.runs} reconstructions with {self.iterations} iterations, about "
+            f"{format_seconds(self.seconds)} (as long as {usual} default reconstructions), and "
+            f"{format_bytes(self.memory.total)} of memory"
+        )
 
 
 def bar_outputs(out: Path, *, regions: bool) -> tuple[Path, ...]:
@@ -128,13 +169,14 @@ def bar_units(
     volume = os.path.abspath(parts_folder(out) / file_name(first, first.fingerprint()))
     if changes is not None:
         common["inputs"] = (*common["inputs"], os.path.abspath(changes))
+    uncertain = changes is not None or run.projector.noise is not None
     own = {"volume": volume, "contrast": settings.contrast, "seed": settings.seed}
     own["changes"] = "" if changes is None else os.path.abspath(changes)
     others = [
         Unit(
             f"replicate {k + 1}",
             f"{__name__}:{do_replicate.__name__}",
-            shared | own | {"replicate": k, "quiet": regions and without_noise(k)},
+            shared | own | {"replicate": k, "split": is_split(k, regions=regions, uncertain=uncertain)},
             **common,
         )
         for k in range(settings.replicates)
@@ -167,10 +209,10 @@ def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[
     volume = load_volume(arguments["volume"])
     noise = SampleNoise(**_details(Path(arguments["volume"]))["noise"])
     model = ObjectModel.of(volume, arguments["contrast"])
-    quiet, key = arguments["quiet"], (arguments["seed"], arguments["replicate"])
-    count = 1 + (1 + runs.uncertain) * quiet
+    split, key = arguments["split"], (arguments["seed"], arguments["replicate"])
+    count = 1 + (1 + runs.uncertain) * split
     clock = Clock(f"replicate {key[1] + 1}", count * runs.choice.iterations)
-    found = yield from runs.iter_replicate(clock, 0, model, noise, key, quiet=quiet)
+    found = yield from runs.iter_replicate(clock, 0, model, noise, key, split=split)
     save_volume(out, np.concatenate(found))
 
 
@@ -226,21 +268,19 @@ def _iter_joined(
         sums.add(*np.split(stack, len(stack) // nz))
         yield clock.at(k + 1)
     bars = sums.result(known["notes"])
-    _write(bars, run, out, {**run.details, **details, "method": known["method"], "bootstrap": asdict(settings)})
+    if bars.regions:
+        write_text(bar_outputs(out, regions=True)[-1], _table(bars))
+    write_maps(bars, run, out, {**run.details, **details, "method": known["method"], "bootstrap": asdict(settings)})
     made.append(bars)
 
 
-def _write(bars: ErrorBars, run: FrameRun, out: Path, details: Mapping[str, Any]) -> None:
-    """Write volume, maps and table; the volume, for which all others exist, is the last."""
-    depths = run.projector.known_depths
-    sides = voxel_um(run.matrices[0])
-    paths = bar_outputs(out, regions=bool(bars.regions))
-    if bars.regions:
-        write_text(paths[-1], _table(bars))
-    for name, path in reversed(list(zip(("volume", *MAPS), paths, strict=False))):
-        facts = VolumeFacts(depths, sides, {**details, "quantity": name})
-        with write_volumes(path, bars.volume.shape, facts) as add:
-            add(np.ascontiguousarray(getattr(bars, name), np.float32))
+def write_maps(bars: ErrorBars, run: FrameRun, out: Path, details: Mapping[str, Any], name: str = "volume") -> None:
+    """Write the volume, which has the ``name`` of a quantity, and its maps; the volume is the last."""
+    facts = VolumeFacts(run.projector.known_depths, voxel_um(run.matrices[0]), {})
+    arrays = {name: bars.volume, **{one: getattr(bars, one) for one in MAPS}}
+    for (one, values), path in reversed(list(zip(arrays.items(), bar_outputs(out, regions=False), strict=True))):
+        with write_volumes(path, values.shape, replace(facts, details={**details, "quantity": one})) as add:
+            add(np.ascontiguousarray(values, np.float32))
 
 
 def _table(bars: ErrorBars) -> str:

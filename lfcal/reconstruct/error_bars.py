@@ -215,27 +215,22 @@ def check_labels(labels: ArrayLike | None, shape: tuple[int, int, int]) -> NDArr
     return whole
 
 
-def without_noise(k: int) -> bool:
-    """Return whether replicate ``k`` (from 0) is also reconstructed without noise if there are regions."""
-    return k % 3 == 0
+def is_split(k: int, *, regions: bool, uncertain: bool) -> bool:
+    """Return whether the errors of sums in replicate ``k`` (from 0) are split into noise, H and object.
 
-
-def more_runs(k: int, *, regions: bool, uncertain: bool) -> int:
-    """Return the number of additional reconstructions of replicate ``k`` (from 0) that split the errors of regions.
-
-    ``regions`` states whether there are regions, and ``uncertain`` whether H has errors.
+    This takes one more reconstruction, and two more if H is ``uncertain``. It requires ``regions``.
     """
-    return (1 + uncertain) * (regions and without_noise(k))
+    return regions and k % (4 if uncertain else 3) == 0
 
 
 def runs_of(choice: SolverChoice, settings: BootstrapSettings, *, regions: bool, uncertain: bool) -> int:
     """Return the number of reconstructions for error bars.
 
     It is one for the frame, one for each replicate, and one more if ``choice`` does not state the noise.
-    ``choice`` and ``settings`` are as in `iter_error_bars`, and the other arguments as in `more_runs`.
+    ``choice`` and ``settings`` are as in `iter_error_bars`, and the other arguments as in `is_split`.
     """
-    more = sum(more_runs(k, regions=regions, uncertain=uncertain) for k in range(settings.replicates))
-    return (1 if SampleNoise.of(choice) else 2) + settings.replicates + more
+    split = sum(is_split(k, regions=regions, uncertain=uncertain) for k in range(settings.replicates))
+    return (1 if SampleNoise.of(choice) else 2) + settings.replicates + (1 + uncertain) * split
 
 
 class ErrorSums:
@@ -370,8 +365,8 @@ def iter_error_bars(
     """Reconstruct ``image``; return `ErrorBars` for every voxel and for the sums over labelled regions.
 
     The number of reconstructions is one for the volume, one for each replicate, and one more if the noise is unknown.
-    With ``labels``, every third replicate is also reconstructed without noise, and if H has errors, also with the exact
-    H, to find the contributions of noise, H and object.
+    With ``labels``, some replicates are also reconstructed without noise, and if H has errors, also with the exact H,
+    to find the contributions of noise, H and object.
 
     Parameters
     ----------
@@ -422,10 +417,10 @@ def iter_error_bars(
     sums = ErrorSums(cropped(volume, choice.margin), cropped(model.mean, choice.margin), regions)
     done = choice.iterations * (1 if SampleNoise.of(choice) else 2)
     for k in range(own.replicates):
-        quiet = regions is not None and without_noise(k)
-        found = yield from runs.iter_replicate(clock, done, model, noise, (own.seed, k), quiet=quiet)
+        split = is_split(k, **kind)
+        found = yield from runs.iter_replicate(clock, done, model, noise, (own.seed, k), split=split)
         sums.add(*(cropped(one, choice.margin) for one in found))
-        done += (1 + more_runs(k, **kind)) * choice.iterations
+        done += (1 + (1 + runs.uncertain) * split) * choice.iterations
     return sums.result((*result.notes, *notes))
 
 

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, InputError, Work, write_text
 from lfcal.frames.lists import read_table
-from lfcal.psf import voxel_um
 from lfcal.reconstruct._feature_shapes import BEYOND
 from lfcal.reconstruct._uncertain_h import UncertainH
+from lfcal.reconstruct.bar_run import bar_outputs, write_maps
 from lfcal.reconstruct.features import Feature, FeatureFit, FittedFeature, depth_at, iter_fit_features
 from lfcal.reconstruct.frame_files import cleaner, related, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
-from lfcal.reconstruct.volumes import VolumeFacts, write_volumes
 from lfcal.records import BootstrapSettings
 
 __all__ = ["feature_outputs", "iter_features", "read_features"]
@@ -31,9 +30,9 @@ GIVEN = ("row", "column", "depth_um", "brightness", "width", "end_row", "end_col
 """Columns of a table of initial values; the first two are required."""
 
 
-def feature_outputs(out: Path) -> tuple[Path, Path]:
-    """Return the paths of the volume ``out`` of the rest, and of the table of features."""
-    return out, related(out, "_features", ".csv")
+def feature_outputs(out: Path) -> tuple[Path, ...]:
+    """Return the paths of the volume ``out`` of the rest, of the maps of its uncertainty, and of the table."""
+    return *bar_outputs(out, regions=False), related(out, "_features", ".csv")
 
 
 def read_features(path: Path, depths: NDArray[np.float64]) -> tuple[Feature, ...]:
@@ -142,14 +141,14 @@ def iter_features(
         yield from run.projector.iter_prepare()
     P = run.projector
     how: dict[str, Any] = {"contrast": settings.contrast, "weights": weights, "seed": settings.seed}
+    how["replicates"] = settings.replicates
     with ExitStack() as stack:
         imaging = None if changes is None else UncertainH.of(P, run.matrices[0], changes, stack)
         fit = yield from iter_fit_features(P, frame, features, run.choice, imaging=imaging, **how)
-    known = {**run.details, **details, "method": P.method, "quantity": "rest", "bootstrap": asdict(settings)}
-    facts = VolumeFacts(P.known_depths, voxel_um(run.matrices[0]), known)
-    write_text(feature_outputs(out)[1], _table(fit.features))
-    with write_volumes(out, fit.rest.shape, facts) as add:
-        add(np.ascontiguousarray(fit.rest, np.float32))
+    assert fit.bars is not None  # there are replicates
+    write_text(feature_outputs(out)[-1], _table(fit.features))
+    known = {**run.details, **details, "method": P.method, "bootstrap": asdict(settings)}
+    write_maps(fit.bars, run, out, known, "rest")
     return fit
 
 

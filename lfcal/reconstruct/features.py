@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Clock, InputError, Progress, Work, check_number, drained
-from lfcal.reconstruct._feature_fit import DRAWS, Covariance, FeatureScene, misfits, solution
+from lfcal.reconstruct._feature_fit import DRAWS, Covariance, FeatureImages, FeatureScene, misfits, solution
 from lfcal.reconstruct._feature_shapes import BEAD, BEYOND, NARROWEST, WIDEST, Shape
-from lfcal.reconstruct._replicates import FAINTEST, Imaging, Replicates, SampleNoise, blurred
+from lfcal.reconstruct._replicates import FAINTEST, Imaging, ObjectModel, Replicates, SampleNoise, blurred
 from lfcal.reconstruct._uncertain_h import UncertainH
+from lfcal.reconstruct.error_bars import USUAL, ErrorBars, ErrorSums, check_bars
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers import Reconstruction, SolverChoice, SolverProgress, iter_solve
@@ -48,6 +49,13 @@ CARVED_MORE = 2.0
 
 FILLING = 4.0
 """Standard deviation of the Gaussian that averages the surroundings of a feature (voxels)."""
+
+SMOOTH = 2.0
+"""Standard deviation of the Gaussian that smooths the expected rest (voxels).
+
+The noise of a reconstructed rest is that of the frame. A rest with it, but without its part below a feature, would
+leave residuals that the covariance of the rest does not contain.
+"""
 
 ERROR_DRAWS = 8
 """Number of random H by which errors of H are represented."""
@@ -129,11 +137,14 @@ class FeatureFit:
         Volume ``(nz, Y, X)`` of all other light.
     notes
         Remarks on the frame and its noise.
+    bars
+        The rest with its uncertainty, which includes that of the features. None: not computed.
     """
 
     features: tuple[FittedFeature, ...]
     rest: F4
     notes: tuple[str, ...]
+    bars: ErrorBars | None = None
 
 
 def find_beads(volume: ArrayLike, most: int = 200) -> tuple[Feature, ...]:
@@ -185,6 +196,7 @@ def iter_fit_features(
     weights: ArrayLike | None = None,
     imaging: Imaging | None = None,
     seed: int = 0,
+    replicates: int = 0,
 ) -> Work[FeatureFit]:
     """Fit beads and lines to a frame, and reconstruct the rest: all light that does not belong to them.
 
@@ -209,6 +221,8 @@ def iter_fit_features(
         deviations are included in the uncertainties. None: H is exact, apart from its stated noise.
     seed
         Seed of the random numbers for expected misfits and errors of H.
+    replicates
+        Number of random objects from which the uncertainty of the rest is estimated. 0: it is not estimated.
 
     Raises
     ------
@@ -227,12 +241,10 @@ def iter_fit_features(
     >>> print(steps[-1].done == steps[-1].total)
     True
     """
-    from lfcal.reconstruct.error_bars import USUAL, check_bars
-
     own = USUAL if choice is None else choice
     check_bars(own, "a fit of features")
     runs = Replicates.of(P, image, own, weights, imaging)
-    return _Fit(runs, own, contrast, seed).iter_result(features)
+    return _Fit(runs, own, contrast, seed).iter_result(features, replicates)
 
 
 fit_features = drained(
@@ -291,6 +303,30 @@ def check_features(features: Sequence[Feature], planes: int, shape: tuple[int, .
                 )
 
 
+@dataclass(frozen=True, eq=False)
+class _Response:
+    """First-order response of a fit to other frames.
+
+    ``scene`` and ``rest`` are the fitted features and the expected rest. ``columns`` and ``weighted`` are as in
+    `solution`, and ``cov`` is the covariance of the free parameters.
+    """
+
+    scene: FeatureScene
+    rest: F4
+    columns: Sequence[FeatureImages]
+    weighted: Sequence[FeatureImages]
+    cov: F8
+
+    def change(self, residual: F8) -> F8:
+        """Return the change ``(Y, X)`` of the image of the features that fits a ``residual`` best."""
+        steps = self.cov @ np.concatenate([one.on(residual) for one in self.weighted])
+        found, k = np.zeros_like(residual), 0
+        for one in self.columns:
+            found[one.window] += np.tensordot(steps[k : k + len(one.images)], one.images, 1)
+            k += len(one.images)
+        return found
+
+
 class _Fit:
     """One run of `iter_fit_features`."""
 
@@ -302,7 +338,7 @@ class _Fit:
         self._extra: F8 | float = 0.0
         self._clock, self._done = Clock("features", 1), 0
 
-    def iter_result(self, features: Sequence[Feature] | None) -> Work[FeatureFit]:
+    def iter_result(self, features: Sequence[Feature] | None, replicates: int) -> Work[FeatureFit]:
         """Fit the ``features``; None: the beads of the reconstructed volume."""
         its, (planes, *sides) = self._choice.iterations, self._P.volume_shape
         shape = (sides[0] - 2 * self._margin, sides[1] - 2 * self._margin)
@@ -318,9 +354,10 @@ class _Fit:
         size = sum(len(one.free) for one in scene.shapes)
         steps = 2 * (MOST_STEPS + 2) * size + self._rest_iterations + DRAWS + 1
         self._clock = Clock("features", steps)
-        found, rest = yield from self._iter_fit(scene, rest)
+        found, rest, response = yield from self._iter_fit(scene, rest)
         yield self._clock.at(steps)
-        return FeatureFit(found, cropped(rest, self._margin), (*first.notes, *notes))
+        bars = None if replicates == 0 else (yield from self._iter_bars(rest, response, replicates))
+        return FeatureFit(found, cropped(rest, self._margin), (*first.notes, *notes), bars)
 
     @property
     def _rest_iterations(self) -> int:
@@ -329,20 +366,22 @@ class _Fit:
     def _start(self, volume: F4, features: Sequence[Feature]) -> tuple[F4, FeatureScene]:
         """Return the rest of a reconstructed ``volume``, and the features with initial values."""
         masks = [_around(one, volume.shape[1:], self._margin) for one in features]
-        rest = _filled(volume, masks)
+        rest = _expected_rest(volume, masks)
         light = np.maximum(volume, 0) - rest
         shapes = tuple(
             _initial(one, light[:, mask], len(volume), self._margin) for one, mask in zip(features, masks, strict=True)
         )
         return rest, FeatureScene(self._P, shapes)
 
-    def _iter_fit(self, scene: FeatureScene, rest: F4) -> Work[tuple[tuple[FittedFeature, ...], F4]]:
+    def _iter_fit(self, scene: FeatureScene, rest: F4) -> Work[tuple[tuple[FittedFeature, ...], F4, _Response]]:
+        """Fit the features of ``scene``; return them, the rest, and the response of the fit to other frames."""
         light = rest
         for last in (False, True):
             if last:
                 light = yield from self._iter_rest(scene)
                 # a rest below a feature would contain its light
-                rest = _filled(light, [_around(one, light.shape[1:], self._margin) for one in self._features(scene)])
+                near = [_around(one, light.shape[1:], self._margin) for one in self._features(scene)]
+                rest = _expected_rest(light, near)
                 self._extra = self._variance_of_h(rest + scene.volume())
             residual, weight = self._residual(scene, rest)
             covariance = self._covariance(scene, rest, weight, exact=not last)
@@ -358,7 +397,7 @@ class _Fit:
                 columns = yield from self._counted(scene.iter_columns())
         cov = solution(weighted, columns)
         chi2, limit = yield from self._counted(misfits(residual, columns, weighted, cov, covariance, self._seed))
-        return self._fitted(scene, cov, chi2, limit), light
+        return self._fitted(scene, cov, chi2, limit), light, _Response(scene, rest, columns, weighted, cov)
 
     def _counted(self, steps: Iterator[T | None]) -> Generator[Progress, None, T]:
         """Yield a progress record for each None of ``steps``, and return the other value."""
@@ -371,12 +410,36 @@ class _Fit:
 
     def _iter_rest(self, scene: FeatureScene) -> Work[F4]:
         """Reconstruct the rest with the features as background."""
-        runs, choice = self._runs, self._choice
-        background = np.maximum(scene.image(), 0).astype(np.float32) + np.float32(choice.background)
-        short = replace(choice, iterations=self._rest_iterations, margin=0)
-        work = iter_solve(self._P, runs.image, short, weights=runs.weights, background=background)
-        made = yield from self._each(work)
+        made = yield from self._each(self._solved(self._P, self._runs.image, scene.image()))
         return made.volume
+
+    def _solved(self, P: Projector, image: F4, light: F8) -> Generator[SolverProgress, None, Reconstruction]:
+        """Return the work that reconstructs the rest of an ``image``, given the ``light`` of the features."""
+        background = np.maximum(light, 0).astype(np.float32) + np.float32(self._choice.background)
+        short = replace(self._choice, iterations=self._rest_iterations, margin=0)
+        return iter_solve(P, image, short, weights=self._runs.weights, background=background)
+
+    def _iter_bars(self, rest: F4, response: _Response, replicates: int) -> Work[ErrorBars]:
+        """Return the uncertainty of the ``rest`` from reconstructions of random objects with the fitted features.
+
+        Each frame is fitted again, to first order, so that errors of the features cause errors of the rest.
+        """
+        runs, by = self._runs, self._margin
+        model = ObjectModel.of(rest, self._contrast)
+        sums = ErrorSums(cropped(rest, by), cropped(model.mean, by), None)
+        image, volume = response.scene.image(), response.scene.volume()
+        self._clock, self._done = Clock("error bars of the rest", replicates * self._rest_iterations), 0
+        for k in range(replicates):
+            rng = np.random.default_rng((self._seed, k))
+            drawn = model.draw(rng)
+            imaging = self._P if runs.imaging is None else runs.imaging(rng)
+            frame = self._noise.sampled(np.maximum(imaging.forward(drawn + volume), 0), rng)
+            frame[~np.isfinite(runs.image)] = np.nan
+            residual, _ = self._residual(response.scene, response.rest, frame)
+            P = self._P.with_new_noise(int(rng.integers(1 << 31)))
+            made = yield from self._each(self._solved(P, frame, image + response.change(residual)))
+            sums.add(cropped(made.volume, by), cropped(drawn, by))
+        return sums.result()
 
     def _each(self, work: Generator[SolverProgress, None, Reconstruction]) -> Work[Reconstruction]:
         while True:
@@ -388,11 +451,14 @@ class _Fit:
             self._done += 1
             yield self._clock.at(min(self._done, self._clock.total))
 
-    def _residual(self, scene: FeatureScene, rest: F4) -> tuple[F8, F8]:
-        """Return frame minus expected frame, and the inverse variance of the noise, ``(Y, X)`` each; 0 if unused."""
+    def _residual(self, scene: FeatureScene, rest: F4, image: F4 | None = None) -> tuple[F8, F8]:
+        """Return frame minus expected frame, and the inverse variance of the noise, ``(Y, X)`` each; 0 if unused.
+
+        ``image`` is another frame (None: that of the run).
+        """
         light = np.maximum(np.asarray(self._P.forward(rest + scene.volume()), np.float64), 0)
         variance = self._noise.floor + self._noise.slope * light + scene.variance() + self._extra
-        frame, noise = np.asarray(self._runs.image, np.float64), self._noise
+        frame, noise = np.asarray(self._runs.image if image is None else image, np.float64), self._noise
         valid = np.isfinite(frame)
         if noise.saturation is not None:
             valid &= frame < noise.saturation
@@ -418,8 +484,7 @@ class _Fit:
 
     def _covariance(self, scene: FeatureScene, rest: F4, weight: F8, *, exact: bool) -> Covariance:
         """Return the covariance of residuals; ``exact`` neglects errors of H."""
-        spread = blurred(rest, 2.0)
-        spread = spread + np.float32(FAINTEST * float(spread.max(initial=0.0)))
+        spread = rest + np.float32(FAINTEST * float(rest.max(initial=0.0)))
         modes = np.zeros((0, *weight.shape))
         imaging = self._runs.imaging
         if imaging is not None and not exact:
@@ -480,13 +545,13 @@ def _around(one: Feature, shape: tuple[int, ...], margin: int) -> NDArray[np.boo
     return np.asarray(away < CARVED_MORE + CARVED * (one.width or USUAL_WIDTH))
 
 
-def _filled(volume: F4, masks: Sequence[NDArray[np.bool_]]) -> F4:
-    """Return ``volume`` ``(nz, Y, X)``, interpolated over ``masks`` ``(Y, X)`` from their surroundings."""
+def _expected_rest(volume: F4, masks: Sequence[NDArray[np.bool_]]) -> F4:
+    """Return ``volume`` ``(nz, Y, X)``, interpolated over ``masks`` ``(Y, X)`` from their surroundings, and smooth."""
     near = np.any(masks, axis=0)
     far = blurred(np.where(near, 0, 1)[None], FILLING)
     light = np.maximum(volume, 0)
     smooth = blurred(np.where(near, 0, light), FILLING) / np.maximum(far, 1e-6)
-    return np.where(near, smooth, light).astype(np.float32)
+    return blurred(np.where(near, smooth, light), SMOOTH)
 
 
 def _initial(one: Feature, light: F4, planes: int, margin: int) -> Shape:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, StorageError, Work, format_seconds, note
+from lfcal.base import InputError, StorageError, Work, note
 from lfcal.records import (
     OWN_SOLVERS,
     BootstrapSettings,
@@ -29,7 +29,7 @@ from lfcal.records import (
 from lfcal.tasks._watched_series import WatchedSeries
 from lfcal.tasks.matrices import check_mat_files, mat_order_field, note_opened, report_missing, with_task
 from lfcal.tasks.outputs import check_outputs
-from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
+from lfcal.tasks.task import LONG, RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:
     from lfcal.reconstruct import ErrorBars, FeatureFit, FrameResult, FrameRun
@@ -50,6 +50,9 @@ __all__ = [
 
 AUTO = "auto"
 """Value of a field for beads that are found in the volume."""
+
+QUICK = 5
+"""Number of replicates of error bars that are computed quickly."""
 
 FORMATS = (".tif", ".ome.tif", ".ome.zarr", ".h5", ".npy")
 
@@ -157,7 +160,7 @@ class ReconstructedBars(TaskResult):
 
 @dataclass(frozen=True)
 class FittedFeatures(TaskResult):
-    """Beads and lines of a frame, and the files of the rest and of the table."""
+    """Beads and lines of a frame, and the files of the rest, of the maps of its uncertainty, and of the table."""
 
     fit: FeatureFit
     files: tuple[Path, ...]
@@ -523,19 +526,19 @@ class ReconstructBars(_ReconstructUncertain):
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReconstructedBars, ...]]:
         """Reconstruct the frame and the replicates, and write the volume, its maps and the table of regions, if any."""
-        from lfcal.reconstruct import iter_bars, runs_of
+        from lfcal.reconstruct import BarForecast, iter_bars
         from lfcal.work import RunChoice
 
         how = run or RunSettings()
         with ExitStack() as stack:
             found = self._prepare(stack, how.workers)
-            uncertain = self.fit is not None or found.projector.noise is not None
-            count = runs_of(found.choice, self.bootstrap, regions=self.labels is not None, uncertain=uncertain)
-            seconds = found.seconds * count
-            runs = f"{count} reconstructions with {found.iterations} iterations"
-            note(f"error bars need {runs}, about {format_seconds(seconds)}")
+            regions = self.labels is not None
+            forecast = BarForecast.of(found, self.bootstrap, regions=regions, uncertain=self.fit is not None)
+            note(str(forecast))
+            if forecast.seconds > LONG and self.bootstrap.replicates > QUICK:
+                note(f"{QUICK} replicates are quicker (--replicates {QUICK})")
             here = RunChoice("threads", how.workers, begun="discard")
-            choice = how.choice(self.out, seconds, "one by one") or here
+            choice = how.choice(self.out, forecast.seconds, "one by one") or here
             details = with_task(self, *found.matrices)
             changes = yield from self._iter_changes(found, how)
             made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details, changes)
@@ -547,22 +550,22 @@ class ReconstructBars(_ReconstructUncertain):
 
 @record
 class ReconstructFeatures(_ReconstructUncertain):
-    r"""Fit beads and lines on a light-field frame with their uncertainties, and reconstruct the rest of the volume.
+    r"""Fit beads and lines on a light-field frame, and reconstruct the rest of the volume, all with uncertainties.
 
     Examples
     --------
     >>> import numpy as np
     >>> import tifffile
     >>> from pathlib import Path
-    >>> from lfcal.reconstruct import RlNesterovSolver
+    >>> from lfcal.reconstruct import BootstrapSettings, RlNesterovSolver
     >>> from lfcal.tasks import ReconstructFeatures
     >>> tifffile.imwrite("frame.tif", np.random.default_rng(0).poisson(50, (48, 48)).astype(np.uint16))
     >>> _ = Path("beads.csv").write_text("row,column\n24,24\n")
-    >>> solver = RlNesterovSolver(iterations=5, gain=1.0)
-    >>> task = ReconstructFeatures(psf="H.h5", frames="frame.tif", out="rest.tif", features="beads.csv", solver=solver)
+    >>> settings = {"solver": RlNesterovSolver(iterations=5, gain=1.0), "bootstrap": BootstrapSettings(replicates=3)}
+    >>> task = ReconstructFeatures(psf="H.h5", frames="frame.tif", out="rest.tif", features="beads.csv", **settings)
     >>> (made,) = task.run()
     >>> print([file.name for file in made.files], len(made.fit.features))
-    ['rest.tif', 'rest_features.csv'] 1
+    ['rest.tif', 'rest_sigma.tif', 'rest_kappa.tif', 'rest_resolution.tif', 'rest_features.csv'] 1
     """
 
     input_words: ClassVar[str] = "a frame with beads or lines"
@@ -577,7 +580,7 @@ class ReconstructFeatures(_ReconstructUncertain):
         is_path=lambda text: text != AUTO,
         examples=(AUTO,),
     )
-    bootstrap: BootstrapSettings = panel(BootstrapSettings(), "Replicates", without=("replicates",))
+    bootstrap: BootstrapSettings = panel(BootstrapSettings(), "Replicates")
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``), including the table."""

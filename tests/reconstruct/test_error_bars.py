@@ -16,6 +16,8 @@ from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.psf import Facts, PSFMatrix
 from lfcal.reconstruct import BootstrapSettings, Projector, SolverChoice, error_bars, save_volume
 from lfcal.reconstruct._replicates import ObjectModel, SampleNoise
+from lfcal.reconstruct.bar_run import USUAL_ITERATIONS
+from lfcal.reconstruct.error_bars import runs_of
 from lfcal.reconstruct.volumes import load_labels
 from lfcal.simulate import simulate_psf
 from tests.reconstruct._building import square, square_matrix
@@ -260,6 +262,13 @@ def test_frames_have_the_stated_noise() -> None:
         assert frame.mean() == pytest.approx(light + noise.background, abs=0.3)
         assert frame.var() == pytest.approx(variance, rel=0.03)
         assert replace(noise, saturation=60.0).sampled(np.full((9, 9), 1e3), np.random.default_rng(1)).max() == 60
+
+
+@pytest.mark.parametrize(("regions", "uncertain", "runs"), [(False, True, 11), (True, False, 15), (True, True, 17)])
+def test_the_default_costs_at_most_40_default_reconstructions(regions: bool, uncertain: bool, runs: int) -> None:
+    """60 iterations of rl-nesterov take about 2.3 times as long as a default reconstruction."""
+    assert runs_of(CHOICE, BootstrapSettings(), regions=regions, uncertain=uncertain) == runs
+    assert runs * CHOICE.iterations / USUAL_ITERATIONS <= 40
 
 
 def test_wrong_input_is_refused(P: Projector) -> None:

@@ -102,8 +102,13 @@ BEAD = ("brightness", "row", "column", "plane")
 LINE = ("brightness", "row", "column", "plane", "width", "end_row", "end_column")
 
 
-def beads_of(P: Projector, between: Projector, seed: int, peak: float, *, over: bool) -> np.ndarray:
-    """Return the pulls ``(6, 4)`` of beads between planes, over nothing or ``over`` haze, from inexact positions."""
+def beads_over(
+    P: Projector, between: Projector, seed: int, peak: float, *, over: bool
+) -> tuple[np.ndarray, np.ndarray, list[Feature], np.ndarray]:
+    """Return a frame of beads between planes, over nothing or ``over`` haze.
+
+    The other results are the true beads ``(6, 4)``, inexact positions, and the haze.
+    """
     rng = np.random.default_rng([seed, over])
     plane = rng.integers(2, size=6)
     beads = np.column_stack([rng.uniform(0.4, 1, 6), places(rng, 6), plane])
@@ -112,10 +117,14 @@ def beads_of(P: Projector, between: Projector, seed: int, peak: float, *, over: 
     scale = peak / light.max()
     frame = rng.poisson(np.maximum(scale * light, 0) + 10.0)
     starts = [Feature(*(one[1:3] + rng.normal(0, 0.5, 2)), width=1.0) for one in beads]
-    fit = fit_features(P, frame, starts, CHOICE)
     # planes 1.5 and 2.5
-    true = beads * [scale, 1, 1, 1] + [0, 0, 0, 1.5]
-    return pulls(fit, true, BEAD)
+    return frame, beads * [scale, 1, 1, 1] + [0, 0, 0, 1.5], starts, scale * rest
+
+
+def beads_of(P: Projector, between: Projector, seed: int, peak: float, *, over: bool) -> np.ndarray:
+    """Return the pulls ``(6, 4)`` of the beads of `beads_over`."""
+    frame, true, starts, _ = beads_over(P, between, seed, peak, over=over)
+    return pulls(fit_features(P, frame, starts, CHOICE), true, BEAD)
 
 
 def lines_of(P: Projector, seed: int, peak: float) -> np.ndarray:
@@ -138,6 +147,26 @@ def test_beads_between_planes(P: Projector, between: Projector) -> None:
     found = beads_of(P, between, 1, 2000, over=False)
     assert np.isfinite(found).all() and np.abs(found).max() < 4, found
     assert 0.4 < np.sqrt(np.mean(found**2)) < 1.6, found
+
+
+def test_bright_beads_over_haze_have_uncertainties(P: Projector, between: Projector) -> None:
+    """The noise of the reconstructed haze was taken for a misfit of the beads."""
+    found = beads_of(P, between, 1, 20000, over=True)
+    assert np.isfinite(found).all() and np.abs(found).max() < 4, found
+
+
+def test_the_rest_has_uncertainties_also_around_the_features(P: Projector, between: Projector) -> None:
+    frame, true, starts, haze = beads_over(P, between, 2, 2000, over=True)
+    bars = fit_features(P, frame, starts, CHOICE, replicates=5).bars
+    assert bars is not None and bars.replicates == 5
+    y, x = np.indices(SHAPE)
+    near = np.min([np.hypot(y - row, x - column) for _, row, column, _ in true], axis=0) < 4
+    bright = haze > 0.1 * haze.max()
+    for some in (bright, bright & near):
+        shares = [
+            np.mean((low <= haze) & (haze <= high), where=some) for low, high in map(bars.interval, (0.6827, 0.95))
+        ]
+        assert 0.55 < shares[0] < 0.9 and shares[1] > 0.85, shares
 
 
 def test_lines_with_their_widths_and_ends(P: Projector) -> None:
@@ -273,16 +302,15 @@ def test_features_that_cannot_be_fitted_are_refused(P: Projector, features: list
 
 @pytest.mark.long
 @pytest.mark.parametrize("peak", [200, 2000, 20000])
-def test_gate(P: Projector, between: Projector, peak: float) -> None:
-    """Intervals of 68 and 95 % contain the truth as often as they state, for H that is exact but for its planes."""
-    found = {
-        "beads": [beads_of(P, between, seed, peak, over=False) for seed in range(100, 112)],
-        "beads in haze": [beads_of(P, between, seed, peak, over=True) for seed in range(100, 112)],
-        "lines": [lines_of(P, seed, peak) for seed in range(100, 120)],
-    }
-    for kind, some in found.items():
-        all_pulls = np.abs(np.concatenate(some))
-        fitted = np.isfinite(all_pulls[:, 0])
-        inside = [100 * np.mean(all_pulls[fitted] < limit) for limit in (1.0, 1.96)]
-        print(f"{kind}, {peak:g} e-: {fitted.sum()} of {len(fitted)} fit, 68: {inside[0]:.0f}, 95: {inside[1]:.0f}")
-        assert fitted.mean() > 0.85 and abs(inside[0] - 68) < 12 and abs(inside[1] - 95) < 7
+@pytest.mark.parametrize("kind", ["beads", "beads in haze", "lines"])
+def test_gate(P: Projector, between: Projector, kind: str, peak: float) -> None:
+    """Intervals of 68 and 95 % contain the truth in 56 to 80 % and at least 88 %, if H is exact but for its planes."""
+    if kind == "lines":
+        some = [lines_of(P, seed, peak) for seed in range(200, 220)]
+    else:
+        some = [beads_of(P, between, seed, peak, over=kind != "beads") for seed in range(200, 212)]
+    all_pulls = np.abs(np.concatenate(some))
+    fitted = np.isfinite(all_pulls[:, 0])
+    inside = [100 * np.mean(all_pulls[fitted] < limit) for limit in (1.0, 1.96)]
+    print(f"{kind}, {peak:g} e-: {fitted.sum()} of {len(fitted)} fit, 68: {inside[0]:.0f}, 95: {inside[1]:.0f}")
+    assert fitted.mean() > 0.85 and abs(inside[0] - 68) < 12 and abs(inside[1] - 95) < 7
