@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work
+from lfcal.base import Clock, InputError, Work, note
 from lfcal.camera import ScanPlan
 from lfcal.fit.earlier import NAMES, Earlier, read_earlier
 from lfcal.fit.model import Fineness, ModelPlanes, open_model, predict
@@ -157,7 +157,7 @@ def iter_write_deviations(
 ) -> Work[Path]:
     """Write the changes of ``H`` along the principal axes of the fit in ``folder`` to a file there; return its path.
 
-    A file from an earlier call for the same scan and fit is used again.
+    A file from an earlier call for the same scan and fit is used again. A note is issued if the fit is incomplete.
 
     Parameters
     ----------
@@ -191,6 +191,8 @@ def iter_write_deviations(
     fit.check(replace(plan, resample=bool(_stated_plan(H).get("resample", False))))
     out = folder / FILE
     known = {"fit": _digest(folder), "shape": list(H.shape)}
+    if not earlier.complete:
+        note(f"{folder.name}: the model does not explain all patterns; H has errors beyond the covariance of its fit")
     if out.is_file() and _is_current(out, known):
         return out
     pairs = principal_axes(fit.setup, plan, earlier)

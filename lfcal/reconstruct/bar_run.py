@@ -95,6 +95,7 @@ def iter_bars(
     labels: Path | None,
     how: RunChoice,
     details: Mapping[str, Any],
+    *,
     changes: Path | None = None,
 ) -> Work[ErrorBars]:
     """Reconstruct the frame of ``run`` with error bars, write the files of `bar_outputs`, and return the `ErrorBars`.
@@ -130,7 +131,7 @@ def iter_bars(
         )
     shape = (len(run.matrices[0]), *run.shape)
     regions = check_labels(None if labels is None else load_labels(labels, run.projector.known_depths), shape)
-    first, others = bar_units(run, out, settings, regions is not None, how, changes)
+    first, others = bar_units(run, out, settings, regions is not None, how, changes=changes)
     title = f"error bars of {out.name}"
     # a run of the first unit alone would delete finished replicates
     if how.begun != "resume" or not Path(others[0].arguments["volume"]).exists():
@@ -142,7 +143,13 @@ def iter_bars(
 
 
 def bar_units(
-    run: FrameRun, out: Path, settings: BootstrapSettings, regions: bool, how: RunChoice, changes: Path | None = None
+    run: FrameRun,
+    out: Path,
+    settings: BootstrapSettings,
+    regions: bool,
+    how: RunChoice,
+    *,
+    changes: Path | None = None,
 ) -> tuple[Unit, list[Unit]]:
     """Return the work unit of the volume, and the units of the replicates, which read the file of the volume.
 

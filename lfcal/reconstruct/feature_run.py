@@ -104,6 +104,7 @@ def iter_features(
     features: Sequence[Feature] | None,
     settings: BootstrapSettings,
     details: Mapping[str, Any],
+    *,
     changes: Path | None = None,
 ) -> Work[FeatureFit]:
     """Fit ``features`` to the frame of ``run``, and write the files of `feature_outputs`.

@@ -541,7 +541,7 @@ class ReconstructBars(_ReconstructUncertain):
             choice = how.choice(self.out, forecast.seconds, "one by one") or here
             details = with_task(self, *found.matrices)
             changes = yield from self._iter_changes(found, how)
-            made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details, changes)
+            made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details, changes=changes)
         default, own = type(self).__dataclass_fields__["solver"].default, self.solver
         tested = own.name == default.name and own.iterations == default.iterations
         tested &= self.bootstrap.contrast == BootstrapSettings().contrast and self.bootstrap.replicates >= 10
@@ -599,7 +599,7 @@ class ReconstructFeatures(_ReconstructUncertain):
             given = None if self.features == AUTO else read_features(Path(self.features), depths)
             details = with_task(self, *found.matrices)
             changes = yield from self._iter_changes(found, how)
-            fit = yield from iter_features(found, self.out, given, self.bootstrap, details, changes)
+            fit = yield from iter_features(found, self.out, given, self.bootstrap, details, changes=changes)
         return (FittedFeatures(fit, self.files("out")),)
 
 
