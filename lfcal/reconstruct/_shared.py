@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lfcal.reconstruct.bar_run import BarForecast, bar_outputs, iter_bars
+from lfcal.reconstruct.error_bars import UNKNOWN
 from lfcal.reconstruct.feature_run import feature_outputs, iter_features, read_features
 from lfcal.reconstruct.frame_files import cleaner, frames_of, is_series, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
@@ -25,6 +26,7 @@ __all__ = [
     "DATASET",
     "PHANTOMS",
     "SUFFIXES",
+    "UNKNOWN",
     "VOLUME_FORMAT",
     "BarForecast",
     "FrameRun",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -20,11 +20,13 @@ from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, plane_words, 
 from lfcal_gui.pages.reconstruct._solid_picture import Newest, SolidPicture, View
 from lfcal_gui.pages.reconstruct.model_volume import (
     MODES,
+    QUANTITIES,
     Prepared,
     ViewCell,
     VolumeIntent,
     arrange,
     prepare,
+    quantity_of,
     side,
 )
 from lfcal_gui.widgets import (
@@ -33,6 +35,7 @@ from lfcal_gui.widgets import (
     PlaneTile,
     Strip,
     button,
+    choice_box,
     column_of,
     link,
     name_controls,
@@ -240,6 +243,7 @@ class VolumeView(QWidget):
         self.turn = BEGIN
         self.readout = ""
         self._title = "Volume"
+        self._again: Callable[[], None] = lambda: None
         self._volume: NDArray[Any] | None = None
         self._newest = Newest(jobs, f"volume {id(self)}")
         self._emptied = 0
@@ -328,6 +332,13 @@ class VolumeView(QWidget):
         for mode, tip in zip(MODES, VIEWS, strict=True):
             self.segments.append(segment(mode, tip, partial(self._change, mode=mode), on=mode == self.intent.mode))
             self.segments[-1].setAutoExclusive(True)
+        self.quantity = choice_box(
+            [(name, name) for name in QUANTITIES],
+            "Value, standard uncertainty, or the value hatched where details of a voxel's size are unknown",
+            "displayed quantity",
+        )
+        self.quantity.currentIndexChanged.connect(lambda _: self._again())
+        self.quantity.hide()
         self.overlay = button("Overlay", "Choose the colours, and what is drawn over the volume")
         menu = QMenu(self.overlay)
         menu.setToolTipsVisible(True)
@@ -366,6 +377,7 @@ class VolumeView(QWidget):
         voxel_um: tuple[float, float] | None = None,
         truth: NDArray[Any] | None = None,
         title: str = "Volume",
+        maps: Mapping[str, NDArray[Any]] | None = None,
     ) -> None:
         """Show ``volume`` ``(Z, Y, X)``; cross, turn and zoom stay if they fit.
 
@@ -381,8 +393,12 @@ class VolumeView(QWidget):
             What it should be, where that is known.
         title
             First words of the caption.
+        maps
+            Maps of its uncertainty, as in `quantity_of`. None: unknown.
         """
         self._volume, self._title = volume, title
+        self._again = partial(self.set_volume, volume, depths_um, voxel_um, truth, title, maps)
+        self.quantity.setVisible(bool(maps))
         if volume is None:
             self._emptied += 1
             for look in self.looks:
@@ -394,10 +410,11 @@ class VolumeView(QWidget):
         self._light_field = True
         self.stack.setCurrentWidget(self.looking)
         self._show_parts()
-        asked = self._emptied
+        asked, quantity = self._emptied, self.quantity.currentText()
 
         def work() -> list[Prepared]:
-            return [prepare(one, depths_um, voxel_um) for one in (volume, truth) if one is not None]
+            shown = quantity_of(volume, maps or {}, quantity)
+            return [prepare(one, depths_um, voxel_um) for one in (shown, truth) if one is not None]
 
         def take(found: list[Prepared]) -> None:
             if asked == self._emptied:  # else it is of a project that is no longer open

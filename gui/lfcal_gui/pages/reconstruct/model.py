@@ -6,16 +6,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from lfcal.base import InputError, any_of
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import (
     METHODS,
     SOLVERS,
+    BootstrapSettings,
     LightFieldSettings,
     ProjectionSettings,
     Resampling,
+    RlNesterovSolver,
     SharedOptics,
     SolverChoice,
     VoxelGrid,
@@ -25,7 +27,7 @@ from lfcal.reconstruct import (
 )
 from lfcal.reconstruct.solvers import GOALS, OPTIONS, STOPS
 from lfcal.records import SOLVER_ENDS, SolverFields, rows
-from lfcal.tasks import Reconstruct, solver_settings
+from lfcal.tasks import Reconstruct, ReconstructBars, solver_settings
 from lfcal_gui.models import Field, PageSettings, fields_of, value_in
 
 if TYPE_CHECKING:
@@ -49,8 +51,12 @@ NO_DEVICE = (
 ENDS = {end: words for words, end in SOLVER_ENDS.items()}
 """Value of the task's number of iterations for each stopping rule."""
 
-ROWS = {one.key: one for one in fields_of(Reconstruct)}
-"""Fields that are used as the task declares them."""
+ROWS = {one.key: one for one in (*fields_of(ReconstructBars), *fields_of(Reconstruct))}
+"""Fields that are used as the tasks declare them."""
+
+
+BARS = ("labels", "fit", "replicates")
+"""Keys of fields that only error bars use."""
 
 
 def _short(key: str, empty: str) -> Field:
@@ -164,6 +170,9 @@ FIELDS: tuple[Field, ...] = (
     ROWS["mask"],
     _short("lattice", "found"),
     ROWS["regions"],
+    replace(_short("labels", "none"), label="Labels"),
+    _short("fit", "exact H"),
+    ROWS["replicates"],
 )
 
 FIELDS = tuple(replace(one, group=ROWS[one.key].group if one.key in ROWS else one.group) for one in FIELDS)
@@ -217,6 +226,8 @@ class ReconstructSettings(PageSettings):
         Whether the light field is used without resampling, even if the lattice drifts relative to the period of H.
     dark, white, mask, lattice, regions
         As in `lfcal.tasks.Reconstruct`; several regions have a semicolon between them.
+    labels, fit, replicates
+        As in `lfcal.tasks.ReconstructBars`.
     """
 
     page: ClassVar[str] = "reconstruct"
@@ -248,6 +259,9 @@ class ReconstructSettings(PageSettings):
     mask: str = ""
     lattice: str = ""
     regions: str = ""
+    labels: str = ""
+    fit: str = ""
+    replicates: int = BootstrapSettings().replicates
 
     def __post_init__(self) -> None:
         """Check values that the library would refuse only after the work has started."""
@@ -255,6 +269,7 @@ class ReconstructSettings(PageSettings):
             raise InputError.expected("end", any_of(("no value", *STOPS)), repr(self.stop), "choose one of these")
         for row in CHECKED:
             row.check(getattr(self, row.name), row.label)
+        BootstrapSettings(replicates=self.replicates)
         if not 1 <= self.iterations <= 100_000:
             raise InputError.expected("iterations", "1 to 100000", self.iterations, "enter a number such as 20")
         if self.margin is not None and self.margin < 0:
@@ -405,22 +420,48 @@ def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str, mat_o
     """Return the task that reconstructs a volume from a light field in a file; ``settings.region`` is ignored."""
     margin = settings.margin if used_by(settings.solver, "margin") else 0
     side = settings.voxel if settings.voxel in ("", "auto") else _side(settings.voxel)
-    row, column = settings.anchor or (0.0, 0.0)
     return Reconstruct(
-        psf=Path(psf),
-        frames=Path(frame),
         out=Path(out),
         solver=settings.solver_fields(),
-        regions=settings.other_regions,
-        mat_order=mat_order,
-        light_field=settings.light_field,
-        grid=VoxelGrid(
-            voxel=side or None,
-            margin="auto" if margin is None else margin,
-            anchor=(row, column) if settings.anchor else None,
-        ),
-        projection=settings.projection,
+        grid=_grid(settings, margin, side or None),
+        **_inputs(settings, psf, frame, mat_order),
     )
+
+
+def bars_task_of(settings: ReconstructSettings, psf: str, frame: str, out: str, mat_order: str = "") -> ReconstructBars:
+    """Return the task that reconstructs a volume with error bars; ``settings.region`` is ignored.
+
+    The solver is the default of the task, because the intervals were tested with it.
+    """
+    known = {key: getattr(settings, key) for key in ("background", "read_noise", "saturation")}
+    gain = settings.gain if settings.stop == "discrepancy" else None
+    return ReconstructBars(
+        out=Path(out),
+        solver=RlNesterovSolver(iterations=60, gain=gain, **known),
+        grid=_grid(settings, settings.margin, None),
+        labels=Path(settings.labels) if settings.labels else None,
+        fit=Path(settings.fit) if settings.fit else None,
+        bootstrap=BootstrapSettings(replicates=settings.replicates),
+        **_inputs(settings, psf, frame, mat_order),
+    )
+
+
+def _inputs(settings: ReconstructSettings, psf: str, frame: str, mat_order: str) -> dict[str, Any]:
+    """Return the fields of a task for H, the light field, and the projection."""
+    return {
+        "psf": Path(psf),
+        "frames": Path(frame),
+        "regions": settings.other_regions,
+        "mat_order": mat_order,
+        "light_field": settings.light_field,
+        "projection": settings.projection,
+    }
+
+
+def _grid(settings: ReconstructSettings, margin: int | None, side: Any) -> VoxelGrid:
+    row, column = settings.anchor or (0.0, 0.0)
+    anchor = (row, column) if settings.anchor else None
+    return VoxelGrid(voxel=side, margin="auto" if margin is None else margin, anchor=anchor)
 
 
 def _side(text: str) -> float:

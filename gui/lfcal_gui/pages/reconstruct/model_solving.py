@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Work, format_bytes, format_seconds, map_npy
+from lfcal.base import InputError, Work, format_bytes, format_seconds, map_npy, read_text
 from lfcal.base.h5 import H5File
 from lfcal.psf import PSFMatrix, mat_order_of
 from lfcal.reconstruct import (
@@ -23,6 +25,7 @@ from lfcal.reconstruct import (
     SolverProgress,
     SolverState,
     VolumeFacts,
+    bar_outputs,
     cleaner,
     cropped,
     drift_note,
@@ -32,7 +35,7 @@ from lfcal.reconstruct import (
     volume_facts,
 )
 from lfcal.reconstruct.solvers import iter_solve
-from lfcal_gui.pages.reconstruct.model import ReconstructSettings
+from lfcal_gui.pages.reconstruct.model import BARS, ReconstructSettings
 
 VOLUMES_ALONE = (".h5", ".hdf5")
 """Suffixes of volumes that no image has."""
@@ -50,11 +53,16 @@ def light_field(path: str) -> NDArray[Any]:
 
 
 class OpenedVolume(NamedTuple):
-    """A volume ``(nz, Y, X)`` that was read from the file or folder ``path``, and what this states of it."""
+    """A volume ``(nz, Y, X)`` that was read from the file or folder ``path``, and what this states of it.
+
+    ``maps`` are those of its uncertainty, by name (`bar_outputs`); ``regions`` are the rows of the table of regions.
+    """
 
     path: str
     values: NDArray[np.float32]
     facts: VolumeFacts
+    maps: Mapping[str, NDArray[np.float32]] = {}
+    regions: tuple[Mapping[str, str], ...] = ()
 
 
 def opened(path: str) -> NDArray[Any] | OpenedVolume | None:
@@ -69,8 +77,27 @@ def opened(path: str) -> NDArray[Any] | OpenedVolume | None:
 
 
 def read_volume(path: str) -> OpenedVolume:
-    """Return the volume in a file or folder."""
-    return OpenedVolume(path, load_volume(path), volume_facts(path))
+    """Return the volume in a file or folder, with the maps and the table of its error bars if they are next to it."""
+    values, facts = load_volume(path), volume_facts(path)
+    _, sigma, kappa, _, table = bar_outputs(Path(path), regions=True)
+    if not (sigma.exists() and kappa.exists()):
+        return OpenedVolume(path, values, facts)
+    maps = {"sigma": load_volume(sigma), "kappa": load_volume(kappa)}
+    if any(one.shape != values.shape for one in maps.values()):
+        return OpenedVolume(path, values, facts)
+    rows = tuple(csv.DictReader(read_text(table).splitlines())) if table.exists() else ()
+    return OpenedVolume(path, values, facts, maps, rows)
+
+
+def region_words(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return the table of regions as rich text; empty without regions."""
+    if not rows:
+        return ""
+    heads = ("Region", "Sum", "\u00b1", "noise", "H", "object")
+    keys = ("label", "sum", "sigma", "sigma_noise", "sigma_h", "sigma_object")
+    cells = ["".join(f"<td align='right'>{escape(row.get(key, ''))}</td>" for key in keys) for row in rows]
+    lines = ["".join(f"<th align='right'>{head}</th>" for head in heads), *cells]
+    return "<table cellspacing='4'>" + "".join(f"<tr>{one}</tr>" for one in lines) + "</table>"
 
 
 def _planes_in(path: Path) -> int | None:
@@ -326,7 +353,8 @@ class Solving:
 
     def fits(self, psf: str, settings: ReconstructSettings, mat_order: str = "") -> bool:
         """Return whether the run can continue with ``settings``: only iterations and saved voxels may differ."""
-        same = replace(settings, iterations=self.settings.iterations, voxel=self.settings.voxel)
+        free = {key: getattr(self.settings, key) for key in ("iterations", "voxel", *BARS)}
+        same = replace(settings, **free)
         return (psf, mat_order) == (self.psf, self.mat_order) and same == self.settings
 
     def work(self, iterations: int | None = None) -> Work[SolverState | None]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import format_length
+from lfcal.reconstruct import UNKNOWN
 from lfcal_gui.models import DisplaySettings, Label, Levels, Outline, Overlay, Solid, Viewpoint, levels_of
 
 MODES = ("3-D", "Slices", "Projections")
@@ -33,6 +34,27 @@ THINNEST = 0.25
 
 TILE = 96
 """Largest side of a thumbnail (pixels)."""
+
+
+QUANTITIES = ("Value", "Uncertainty", "Known")
+"""Quantities of a volume with error bars."""
+
+HATCH, GAP = 6, 2
+"""Period of the hatching of unknown details, and width of its lines (voxels)."""
+
+
+def quantity_of(volume: NDArray[Any], maps: Mapping[str, NDArray[Any]], quantity: str) -> NDArray[Any]:
+    """Return one of `QUANTITIES` of a ``volume`` ``(Z, Y, X)``, whose ``maps`` are those of its error bars.
+
+    *Known* is the volume, hatched with not-a-number where nothing is known about details of a voxel's size.
+    """
+    if quantity == QUANTITIES[0] or not maps:
+        return volume
+    if quantity == QUANTITIES[1]:
+        return maps["sigma"]
+    y, x = np.indices(volume.shape[1:])
+    hatched = (maps["kappa"] > UNKNOWN) & ((y + x) % HATCH < GAP)
+    return np.where(hatched, np.nan, volume)
 
 
 @dataclass(frozen=True)

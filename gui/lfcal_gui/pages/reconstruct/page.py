@@ -13,10 +13,21 @@ from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import LfcalError, format_seconds
 from lfcal.psf import empty_words
+from lfcal.tasks import RunSettings
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, is_image, rough_seconds, stated_order
+from lfcal_gui.models import (
+    CommandStep,
+    KeptRun,
+    PageSpec,
+    ProjectState,
+    Shot,
+    Taken,
+    is_image,
+    rough_seconds,
+    stated_order,
+)
 from lfcal_gui.pages.reconstruct._costing import Costing
 from lfcal_gui.pages.reconstruct._exporting import Exporting
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, device_reason
@@ -31,9 +42,10 @@ from lfcal_gui.pages.reconstruct.model_solving import (
     make_light_field,
     opened,
     read_volume,
+    region_words,
 )
 from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
-from lfcal_gui.pages.reconstruct.step import step
+from lfcal_gui.pages.reconstruct.step import bars_task, step
 from lfcal_gui.saving import ask_target
 
 IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
@@ -69,6 +81,7 @@ class Page(BasePage):
         self.costing = Costing(context, self.panel, self._use, self)
         for segment in self.panel.view.segments:
             self.segments.addWidget(segment)
+        self.tools.addWidget(self.panel.view.quantity)
         self.tools.addWidget(self.panel.view.overlay)
         self.tools.addWidget(self.panel.open_volume)
         self.set_panel(self.panel)
@@ -212,6 +225,7 @@ class Page(BasePage):
             panel.show_go("start", enabled=ready)
         panel.again.setEnabled(ready and not running)
         panel.save.setVisible(done)
+        panel.bars.setEnabled(ready and not running)
         for widget in (panel.form, panel.more, panel.open, panel.make):
             widget.setEnabled(not running)
         if not running:
@@ -386,6 +400,7 @@ class Page(BasePage):
             "stop": self.stop,
             "more": self.go_on,
             "save": self.save,
+            "bars": self.bars,
         }
         actions[key]()
 
@@ -516,6 +531,40 @@ class Page(BasePage):
             self._saved_as = path
             self.context.project.update("reconstruction", volume=path)
 
+    def bars(self, path: str = "") -> None:
+        """Reconstruct the light field with error bars as a job, and show the volume; without a path, ask for one."""
+        context, state = self.context, self.context.state
+        try:
+            path = path or ask_target(
+                self,
+                "Volume with error bars",
+                "volume.tif",
+                VOLUMES,
+                lambda chosen: bars_task(state, str(chosen)).files("out"),
+            )
+            if not path:
+                return
+            task = bars_task(state, path)
+        except LfcalError as error:
+            self.refuse(str(error))
+            return
+        title = f"Error bars of {Path(path).name}"
+
+        def show(_: Any) -> None:
+            self.load(Path(path).name, lambda: read_volume(path), self._take_volume)
+
+        context.jobs.start(
+            title,
+            "reconstruct",
+            # finished replicates of a stopped run are used again
+            lambda: task.work(RunSettings(resume=True)),
+            show,
+            kind="bars",
+            keeping=KeptRun(path),
+            needs=(state.psf,),
+            taken=context.taken("reconstruct", title, path, lambda: CommandStep.of(task)),
+        )
+
     # -- stored volumes --------------------------------------------------------------------------------
     def choose_volume(self, folder: bool) -> None:
         """Ask for the file of a volume, or for its ``folder``."""
@@ -553,7 +602,10 @@ class Page(BasePage):
             if self.solving is None and path == self.context.state.volume:
                 self.saved = found.values
                 facts = found.facts
-                self.panel.view.set_volume(found.values, facts.depths_um, facts.voxel_um, title=Path(path).name)
+                self.panel.view.set_volume(
+                    found.values, facts.depths_um, facts.voxel_um, title=Path(path).name, maps=found.maps
+                )
+                self.panel.show_status(region_words(found.regions), None)
                 self._show(self.context.state)
 
         if ready is not None and ready.path == path:

@@ -82,7 +82,7 @@ class ReconstructPanel(QWidget):
     """The page's widgets."""
 
     pressed = Signal(str, arguments=["key"])
-    """A button was pressed: ``"open"``, ``"save"``, ``"again"``, or one of `GO`."""
+    """A button was pressed: ``"open"``, ``"save"``, ``"bars"``, ``"again"``, or one of `GO`."""
     volume_asked = Signal(bool, arguments=["folder"])
     """Request to open a stored volume: a file, or a folder."""
     make_asked = Signal(str, arguments=["phantom"])
@@ -196,7 +196,13 @@ class ReconstructPanel(QWidget):
         self.more.fold_line(self.solver_words, above=True)
         self.more.fold_line(costs)
         self.more.fold_line(self._forecast())
-        self.more.fold_line(self.again)
+        self.bars = self._button(
+            "bars",
+            "Error bars …",
+            "Reconstruct the volume again with the uncertainty of every voxel and of sums over labelled regions, "
+            "and save it. The settings Labels, Fit and Replicates apply",
+        )
+        self.more.fold_line(self.again, self.bars)
 
     @cached_property
     def curve(self) -> CostCurve:

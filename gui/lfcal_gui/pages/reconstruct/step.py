@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from lfcal.base import InputError
-from lfcal.tasks import python_of, words_of
+from lfcal.tasks import ReconstructBars, python_of, words_of
 from lfcal_gui.models import CommandStep, ProjectState, kept_verdict, needed_file, stated_order
 from lfcal_gui.pages.reconstruct.export_model import ExportSettings
-from lfcal_gui.pages.reconstruct.model import ReconstructSettings, task_of
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings, bars_task_of, task_of
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
@@ -19,6 +19,20 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
         raise InputError.expected("region", "the whole light field", chosen.region, "clear Region")
     task = task_of(chosen, psf, project.light_field, out or "volume.tif", stated_order(project, psf))
     return CommandStep(words_of(task), python_of(task))
+
+
+def bars_task(project: ProjectState, out: str) -> ReconstructBars:
+    """Return the task that reconstructs the light field with error bars.
+
+    Raises
+    ------
+    InputError
+        If only a region of the light field is used.
+    """
+    chosen = ReconstructSettings.of(project)
+    if chosen.region:
+        raise InputError.expected("region", "the whole light field", chosen.region, "clear Region")
+    return bars_task_of(chosen, project.psf, project.light_field, out, stated_order(project, project.psf))
 
 
 def export_step(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import csv
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QFileDialog
 from pytestqt.qtbot import QtBot
@@ -384,3 +387,32 @@ def test_a_curve_is_measured_as_a_job(page: Page, qtbot: QtBot, monkeypatch: pyt
     found = page.context.curves.of(subject_of(page.context.state, "psf"))["solvers"]
     assert found.points and len(page.panel.curve._points) == len(found.points)
     assert page.panel.curve.measure_button.text() == "Measure again"
+
+
+def test_error_bars_are_computed_and_shown(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    """The window shows the maps of the files, hatches what is unknown, and lists the sums over regions."""
+    make(page, qtbot, tmp_path / "light.tif")
+    labels = np.zeros((24, 28), np.uint8)
+    labels[6:12, 8:16], labels[14:20, 8:16] = 1, 2
+    tifffile.imwrite(tmp_path / "labels.tif", labels)
+    chosen = replace(page.settings, labels=str(tmp_path / "labels.tif"), replicates=3, margin=0, device="cpu")
+    context.project.update("settings", settings=chosen.into(context.state))
+    view, out = page.panel.view, tmp_path / "v.tif"
+    assert page.panel.bars.isEnabled() and not view.quantity.isVisibleTo(page)
+    page.bars(str(out))
+    qtbot.waitUntil(lambda: page.saved is not None, timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+    assert view.quantity.isVisibleTo(page)
+    value, sigma, kappa = (load_volume(tmp_path / f"v{end}.tif") for end in ("", "_sigma", "_kappa"))
+    shown = {}
+    for name in ("Value", "Uncertainty", "Known"):
+        view.quantity.setCurrentText(name)
+        idle(context.jobs, qtbot)
+        shown[name] = view.prepared.volume
+    np.testing.assert_array_equal(shown["Value"], value)
+    np.testing.assert_array_equal(shown["Uncertainty"], sigma)
+    hatched = np.isnan(shown["Known"])
+    assert not hatched[kappa <= 0.9].any() and hatched.any() == (kappa > 0.9).any()
+    np.testing.assert_array_equal(shown["Known"][~hatched], value[~hatched])
+    rows = list(csv.DictReader((tmp_path / "v_regions.csv").read_text().splitlines()))
+    assert all(row[key] in page.panel.status.text() for row in rows for key in ("sum", "sigma", "sigma_noise"))

@@ -16,9 +16,9 @@ from lfcal.psf import PSFMatrix, save
 from lfcal.records import rows
 from lfcal.tasks import Reconstruct, command_of
 from lfcal_gui.models import OpeningSettings, ProjectState
-from lfcal_gui.pages.reconstruct.model import FIELDS, ROWS, ReconstructSettings, task_of
+from lfcal_gui.pages.reconstruct.model import BARS, FIELDS, ROWS, ReconstructSettings, bars_task_of, task_of
 from lfcal_gui.pages.reconstruct.model_solving import Solving
-from lfcal_gui.pages.reconstruct.step import step
+from lfcal_gui.pages.reconstruct.step import bars_task, step
 from tests.cli import conftest
 from tests.cli.conftest import Run
 from tests.psf.test_mat_import import save_v73
@@ -81,7 +81,7 @@ HELD = {
 
 def test_every_field_is_in_the_form_or_has_an_entry_of_its_own() -> None:
     shown = {one.key for one in FIELDS}
-    assert {row.name for row in rows(Reconstruct)} - HELD == shown & ROWS.keys() - HELD
+    assert {row.name for row in rows(Reconstruct)} - HELD == shown & ROWS.keys() - HELD - {*BARS}
     for key in shown & ROWS.keys() - HELD:
         assert next(one for one in FIELDS if one.key == key).tip.startswith(ROWS[key].tip)
 
@@ -118,3 +118,20 @@ def test_a_task_has_the_fields_that_apply() -> None:
     assert isinstance(task, Reconstruct) and command_of(task) == (
         "lfcal reconstruct H.h5 f.tif --solver=isra --out=v.tif"
     )
+
+
+def test_error_bars_are_a_task_with_their_settings(frame: np.ndarray) -> None:
+    """Settings of the default solver and of the frame reach the task; another solver does not."""
+    chosen = ReconstructSettings(
+        *("osem", 4), background=2.0, labels="labels.tif", fit="fit", replicates=5, margin=3, dark="dark.tif"
+    )
+    task = bars_task_of(chosen, "H.h5", "frame.tif", "v.tif")
+    assert (task.solver.name, task.solver.iterations, task.solver.background) == ("rl-nesterov", 60, 2.0)
+    words = " ".join(shlex.split(command_of(task))).replace("=", " ")
+    for some in ("--bars", "--labels labels.tif", "--fit fit", "--replicates 5", "--margin 3", "--dark dark.tif"):
+        assert some in words, words
+    with pytest.raises(InputError, match="replicates"):
+        ReconstructSettings(replicates=2)
+    state = chosen.changed("region", (0, 0, 9, 9)).into(ProjectState(psf="H.h5", light_field="frame.tif"))
+    with pytest.raises(InputError, match="whole light field"):
+        bars_task(replace(ProjectState(psf="H.h5", light_field="frame.tif"), settings=state), "v.tif")
