@@ -73,7 +73,7 @@ def _show_bars(made: ReconstructedBars) -> None:
             rows.append([str(one.label), *values, f"{low} to {high}"])
         columns = ["region", "sum", "sigma", "noise", "H", "object", "95 % interval"]
         print_table(columns, rows, title="sums over regions; the three parts of sigma add in quadrature")
-    unknown = bars.unknown.mean()
+    unknown = bars.unknown_share
     typer.echo(f"{bars.replicates} replicates; nothing is known about details of {100 * unknown:.0f} % of the voxels")
     typer.echo(TESTED if made.tested else UNTESTED)
     if not made.fitted:

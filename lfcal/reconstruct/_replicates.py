@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,7 +67,7 @@ class ObjectModel:
     contrast: float
 
     @classmethod
-    def of(cls, volume: NDArray[Any], contrast: float) -> ObjectModel:
+    def of(cls, volume: NDArray[Any], contrast: float) -> Self:
         """Return the model of objects like ``volume`` ``(nz, Y, X)``."""
         smooth = blurred(np.maximum(volume, 0), 1.0)
         return cls(smooth + np.float32(FAINTEST * float(np.max(volume, initial=0))), contrast)

@@ -38,8 +38,62 @@ __all__ = ["BarForecast", "bar_outputs", "iter_bars", "write_maps"]
 
 _UNCERTAIN: ProcessCache[tuple[UncertainH, ExitStack]] = ProcessCache(lambda held: held[1].close())
 
+_PARTS: ProcessCache[Projector] = ProcessCache(lambda _: None)
+
 MAPS = ("sigma", "kappa", "resolution")
 """Attributes of `ErrorBars` that are written next to the volume, and endings of the names of their files."""
+
+
+@dataclass(frozen=True)
+class RegionBox:
+    """Part of an extended frame that contains all regions and their surroundings.
+
+    ``rows`` and ``columns`` are the first index and the one after the last, in the frame with its ``margin``.
+    """
+
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+    margin: int
+
+    @classmethod
+    def of(cls, regions: NDArray[np.int64], cutout: tuple[int, int], margin: int) -> RegionBox:
+        """Return the box around ``regions`` ``(nz, Y, X)``, with one ``cutout`` (pixels) on each side."""
+        ends = []
+        for axis, beside in zip((1, 2), cutout, strict=True):
+            other = tuple(k for k in range(3) if k != axis)
+            lit = np.flatnonzero(regions.any(axis=other)) + margin
+            ends.append(
+                (max(0, int(lit[0]) - beside), min(regions.shape[axis] + 2 * margin, int(lit[-1]) + 1 + beside))
+            )
+        return cls(ends[0], ends[1], margin)
+
+    def cut(self, array: NDArray[Any]) -> NDArray[Any]:
+        """Return the part of an image or a volume with margin, ``(..., Y, X)``."""
+        return array[..., slice(*self.rows), slice(*self.columns)]
+
+    def inner(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+        """Return where the part within the frame of ``shape`` (without margin) is, in the box and in the frame."""
+        within, there = [], []
+        for (start, stop), size in zip((self.rows, self.columns), shape, strict=True):
+            first, last = max(start, self.margin), min(stop, size + self.margin)
+            within.append(slice(first - start, last - start))
+            there.append(slice(first - self.margin, last - self.margin))
+        return (within[0], within[1]), (there[0], there[1])
+
+
+@dataclass(frozen=True)
+class _PartModel(ObjectModel):
+    """Model of objects of which only the part in a ``box`` is used. None: all.
+
+    They are drawn as a whole, because their longest details may be longer than the box.
+    """
+
+    box: RegionBox | None = None
+
+    def draw(self, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Return the part of an object."""
+        found = super().draw(rng)
+        return found if self.box is None else self.box.cut(found)
 
 
 USUAL_ITERATIONS = 26
@@ -67,7 +121,7 @@ class BarForecast:
 
     @classmethod
     def of(cls, run: FrameRun, settings: BootstrapSettings, *, regions: bool, uncertain: bool) -> BarForecast:
-        """Return the forecast for ``run``; the other arguments are as in `runs_of`."""
+        """Return the forecast for ``run`` without a crop; the other arguments are as in `runs_of`."""
         uncertain |= run.projector.noise is not None
         count = runs_of(run.choice, settings, regions=regions, uncertain=uncertain)
         return cls(count, run.iterations, run.seconds * count, run.memory)
@@ -97,6 +151,7 @@ def iter_bars(
     details: Mapping[str, Any],
     *,
     changes: Path | None = None,
+    crop: bool = False,
 ) -> Work[ErrorBars]:
     """Reconstruct the frame of ``run`` with error bars, write the files of `bar_outputs`, and return the `ErrorBars`.
 
@@ -117,6 +172,9 @@ def iter_bars(
     changes
         File of the changes of H along the axes of its uncertainty, as in `UncertainH.of`. None: H has no errors apart
         from its stated noise.
+    crop
+        Whether to estimate the uncertainty only in a box around the regions (`RegionBox`). The maps are not-a-number
+        elsewhere.
 
     Raises
     ------
@@ -131,13 +189,16 @@ def iter_bars(
         )
     shape = (len(run.matrices[0]), *run.shape)
     regions = check_labels(None if labels is None else load_labels(labels, run.projector.known_depths), shape)
-    first, others = bar_units(run, out, settings, regions is not None, how, changes=changes)
+    box = RegionBox.of(regions, run.projector.grid.cutout, run.choice.margin) if crop and regions is not None else None
+    first, others = bar_units(run, out, settings, regions is not None, how, changes=changes, box=box)
     title = f"error bars of {out.name}"
     # a run of the first unit alone would delete finished replicates
     if how.begun != "resume" or not Path(others[0].arguments["volume"]).exists():
         yield from iter_begun([first], out, how, title=title)
     made: list[ErrorBars] = []
-    join = partial(_iter_joined, run=run, out=out, settings=settings, regions=regions, details=details, made=made)
+    join = partial(
+        _iter_joined, run=run, out=out, settings=settings, regions=regions, box=box, details=details, made=made
+    )
     yield from iter_made([first, *others], out, replace(how, begun="resume"), join, title=title, joined=False)
     return made[0]
 
@@ -150,6 +211,7 @@ def bar_units(
     how: RunChoice,
     *,
     changes: Path | None = None,
+    box: RegionBox | None = None,
 ) -> tuple[Unit, list[Unit]]:
     """Return the work unit of the volume, and the units of the replicates, which read the file of the volume.
 
@@ -177,7 +239,8 @@ def bar_units(
     if changes is not None:
         common["inputs"] = (*common["inputs"], os.path.abspath(changes))
     uncertain = changes is not None or run.projector.noise is not None
-    own = {"volume": volume, "contrast": settings.contrast, "seed": settings.seed}
+    own: dict[str, Any] = {"volume": volume, "contrast": settings.contrast, "seed": settings.seed}
+    own["box"] = None if box is None else asdict(box)
     own["changes"] = "" if changes is None else os.path.abspath(changes)
     others = [
         Unit(
@@ -215,7 +278,8 @@ def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[
         runs = replace(runs, imaging=_imaging(runs.P, arguments, workers))
     volume = load_volume(arguments["volume"])
     noise = SampleNoise(**_details(Path(arguments["volume"]))["noise"])
-    model = ObjectModel.of(volume, arguments["contrast"])
+    model = _PartModel.of(volume, arguments["contrast"])
+    model = replace(model, box=_box_of(arguments))
     split, key = arguments["split"], (arguments["seed"], arguments["replicate"])
     count = 1 + (1 + runs.uncertain) * split
     clock = Clock(f"replicate {key[1] + 1}", count * runs.choice.iterations)
@@ -247,11 +311,22 @@ def _iter_runs(arguments: Mapping[str, Any], workers: int) -> Work[Replicates]:
     choice = SolverChoice(**arguments["choice"])
     place = device_for(arguments.get("device", "cpu"), arguments.get("device_room"))
     settings = (arguments["projection"], arguments["memory"], workers, choice.margin, place)
-    tool = tool_for(SharedOptics.of(arguments["optics"]), image.shape, settings)
+    tool, box = tool_for(SharedOptics.of(arguments["optics"]), image.shape, settings), _box_of(arguments)
+    P = tool.projector
+    if box is not None:
+        P = _PARTS.get((id(P), box), lambda: tool.projector.part(slice(*box.rows), slice(*box.columns)))
     if not choice.solver.in_parts:
-        yield from tool.projector.iter_prepare()
+        yield from P.iter_prepare()
     weights = None if tool.view is None else tool.view.inside(image.shape)
-    return Replicates.of(tool.projector, tool.clean(image), choice, weights)
+    runs = Replicates.of(P, tool.clean(image), choice, weights)
+    if box is None:
+        return runs
+    return replace(runs, image=box.cut(runs.image), weights=None if runs.weights is None else box.cut(runs.weights))
+
+
+def _box_of(arguments: Mapping[str, Any]) -> RegionBox | None:
+    found = arguments.get("box")
+    return None if found is None else RegionBox(tuple(found["rows"]), tuple(found["columns"]), found["margin"])
 
 
 def _iter_joined(
@@ -261,24 +336,38 @@ def _iter_joined(
     out: Path,
     settings: BootstrapSettings,
     regions: NDArray[np.int64] | None,
+    box: RegionBox | None,
     details: Mapping[str, Any],
     made: list[ErrorBars],
 ) -> Work[None]:
     """Compute the error bars from the files of the units, and write all outputs."""
-    margin, nz = run.choice.margin, run.volume_shape[0]
-    volume, known = load_volume(parts[0]), _details(parts[0])
-    model = ObjectModel.of(volume, settings.contrast)
-    sums = ErrorSums(cropped(volume, margin), cropped(model.mean, margin), regions)
+    margin, (nz, *shape) = run.choice.margin, run.volume_shape
+    whole, known = load_volume(parts[0]), _details(parts[0])
+    used = box or RegionBox((0, shape[0] + 2 * margin), (0, shape[1] + 2 * margin), margin)
+    within, there = used.inner((shape[0], shape[1]))
+    mean = used.cut(ObjectModel.of(whole, settings.contrast).mean)
+    labels = None if regions is None else regions[:, *there]
+    sums = ErrorSums(used.cut(whole)[:, *within], mean[:, *within], labels)
     clock = Clock("error bars", len(parts))
     for k, part in enumerate(parts[1:]):
-        stack = cropped(load_volume(part), margin)
+        stack = load_volume(part)[:, *within]
         sums.add(*np.split(stack, len(stack) // nz))
         yield clock.at(k + 1)
     bars = sums.result(known["notes"])
+    if box is not None:
+        bars = _placed(bars, cropped(whole, margin), there)
     if bars.regions:
         write_text(bar_outputs(out, regions=True)[-1], _table(bars))
     write_maps(bars, run, out, {**run.details, **details, "method": known["method"], "bootstrap": asdict(settings)})
     made.append(bars)
+
+
+def _placed(bars: ErrorBars, volume: NDArray[np.float32], there: tuple[slice, slice]) -> ErrorBars:
+    """Return error bars of a whole ``volume``, whose maps are known only in the rows and columns ``there``."""
+    maps = {name: np.full(volume.shape, np.nan, np.float32) for name in MAPS}
+    for name, values in maps.items():
+        values[:, *there] = getattr(bars, name)
+    return replace(bars, volume=volume, **maps)
 
 
 def write_maps(bars: ErrorBars, run: FrameRun, out: Path, details: Mapping[str, Any], name: str = "volume") -> None:

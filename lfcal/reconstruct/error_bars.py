@@ -168,6 +168,11 @@ class ErrorBars:
         """Mask ``(nz, Y, X)``, True at voxels whose `kappa` exceeds `UNKNOWN`: nothing is known about their details."""
         return self.kappa > UNKNOWN
 
+    @property
+    def unknown_share(self) -> float:
+        """Fraction of the voxels with a known `kappa` that are `unknown`."""
+        return float(np.mean(self.unknown, where=np.isfinite(self.kappa)))
+
 
 def check_bars(choice: SolverChoice, what: str = "a reconstruction with error bars") -> None:
     """Raise `InputError`, which names ``what`` is computed, unless ``choice`` fixes the number of iterations."""

@@ -153,7 +153,7 @@ class ReconstructedBars(TaskResult):
             {**asdict(one), "interval_68": one.interval(0.6827), "interval_95": one.interval(0.95)}
             for one in self.bars.regions
         ]
-        known = {"replicates": self.bars.replicates, "unknown": float(self.bars.unknown.mean()), "tested": self.tested}
+        known = {"replicates": self.bars.replicates, "unknown": self.bars.unknown_share, "tested": self.tested}
         known["fitted"] = self.fitted
         return {"files": self.files, **known, "notes": self.bars.notes, "regions": regions}
 
@@ -509,11 +509,20 @@ class ReconstructBars(_ReconstructUncertain):
         file="in",
         empty="no table of regions",
     )
+    crop: bool = opt(
+        False,
+        "Estimate the uncertainty only within one cutout of the regions. This is faster if they cover a small part of "
+        "the frame. The volume is still that of the whole frame.",
+        label="Only around the regions",
+    )
     bootstrap: BootstrapSettings = panel(BootstrapSettings(), "Replicates")
 
     def __post_init__(self) -> None:
         """Check every field."""
         super().__post_init__()
+        if self.crop and (self.labels is None or self.regions):
+            wanted, got = ("regions (--labels)", "none") if self.labels is None else ("H of one region", "--region")
+            raise InputError.expected("--crop", wanted, got, "leave --crop out")
         object.__setattr__(self, "bars", True)  # the flag that selects this kind on a command line
 
     def files(self, way: str) -> tuple[Path, ...]:
@@ -541,7 +550,8 @@ class ReconstructBars(_ReconstructUncertain):
             choice = how.choice(self.out, forecast.seconds, "one by one") or here
             details = with_task(self, *found.matrices)
             changes = yield from self._iter_changes(found, how)
-            made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details, changes=changes)
+            how_much = {"changes": changes, "crop": self.crop}
+            made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details, **how_much)
         default, own = type(self).__dataclass_fields__["solver"].default, self.solver
         tested = own.name == default.name and own.iterations == default.iterations
         tested &= self.bootstrap.contrast == BootstrapSettings().contrast and self.bootstrap.replicates >= 10

@@ -131,6 +131,33 @@ def test_a_stopped_run_continues(lfcal: Lfcal, place: Path, tmp_path: Path, monk
     assert not list(tmp_path.glob("*.parts"))
 
 
+@pytest.mark.parametrize("margin", [0, 6])
+def test_around_the_regions_the_bars_are_those_of_the_whole_frame(
+    lfcal: Lfcal, place: Path, tmp_path: Path, margin: int
+) -> None:
+    """--crop computes the same volume, and similar uncertainties of sums; far from the regions, there is no map."""
+    tifffile.imwrite(tmp_path / "near.tif", np.pad(np.ones((6, 7), np.uint8), ((12, 22), (11, 26))))
+    words = ("reconstruct", place / "H.h5", place / "frame.tif", "--bars", "--labels", tmp_path / "near.tif")
+    # after fewer iterations, the volume depends on the mean of the frame
+    how = ("--solver", "rl-nesterov", "-n", 40, "--replicates", 20, "--margin", margin, "--gain", 1)
+    rows = {}
+    for name, more in (("whole", ()), ("part", ("--crop",))):
+        lfcal(*words, *how, *more, "-o", tmp_path / f"{name}.npy").ok()
+        (rows[name],) = csv.DictReader((tmp_path / f"{name}_regions.csv").read_text().splitlines())
+    np.testing.assert_allclose(np.load(tmp_path / "part.npy"), np.load(tmp_path / "whole.npy"), rtol=1e-4, atol=1e-4)
+    sigma, other = np.load(tmp_path / "part_sigma.npy"), np.load(tmp_path / "whole_sigma.npy")
+    # the cutout has 5 pixels
+    known = np.zeros(SHAPE, bool)
+    known[7:23, 6:23] = True
+    np.testing.assert_array_equal(np.isfinite(sigma), np.broadcast_to(known, sigma.shape))
+    assert rows["part"]["sum"] == rows["whole"]["sum"]
+    for key in ("sigma", "sigma_noise"):
+        assert float(rows["part"][key]) == pytest.approx(float(rows["whole"][key]), rel=0.4), key
+    inner = (slice(None), slice(12, 18), slice(11, 18))
+    assert np.median(sigma[inner] / other[inner]) == pytest.approx(1, abs=0.15)
+    lfcal(*words[:-2], "--crop", "-o", tmp_path / "v.npy").refused("--crop: expected regions")
+
+
 def test_settings_that_do_not_apply_are_refused(lfcal: Lfcal, place: Path, tmp_path: Path) -> None:
     frame = tifffile.imread(place / "frame.tif")
     tifffile.imwrite(place / "small.tif", np.ones((3, 3), np.uint8))

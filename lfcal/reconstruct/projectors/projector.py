@@ -246,6 +246,22 @@ class Projector:
         """
         return self if self.noise is None else self._reading(noise_seed=seed)
 
+    def part(self, rows: slice, columns: slice) -> Projector:
+        """Return a projector for the part of images and volumes in these ``rows`` and ``columns`` (with both ends)."""
+        (row, column), shape = self._grid.anchor, (rows.stop - rows.start, columns.stop - columns.start)
+        made = Projector(
+            self._reader.H,
+            shape,
+            (row - rows.start, column - columns.start),
+            dtype=self.dtype,
+            threshold=self._reader.threshold,
+            tolerance=self._tolerance,
+            memory_limit=self._limit,
+            workers=self._workers,
+            device="cpu" if self._device is None else self._device,
+        )
+        return _remade(lambda: made, self._reader.changes)
+
     def _reading(self, **changes: Any) -> Self:
         """Return a projector that reads the planes of H with other settings of `PlaneReader`."""
         part = object.__new__(type(self))

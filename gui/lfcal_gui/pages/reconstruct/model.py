@@ -55,7 +55,7 @@ ROWS = {one.key: one for one in (*fields_of(ReconstructBars), *fields_of(Reconst
 """Fields that are used as the tasks declare them."""
 
 
-BARS = ("labels", "fit", "replicates")
+BARS = ("labels", "crop", "fit", "replicates")
 """Keys of fields that only error bars use."""
 
 
@@ -171,6 +171,7 @@ FIELDS: tuple[Field, ...] = (
     _short("lattice", "found"),
     ROWS["regions"],
     replace(_short("labels", "none"), label="Labels"),
+    ROWS["crop"],
     _short("fit", "exact H"),
     ROWS["replicates"],
 )
@@ -226,7 +227,7 @@ class ReconstructSettings(PageSettings):
         Whether the light field is used without resampling, even if the lattice drifts relative to the period of H.
     dark, white, mask, lattice, regions
         As in `lfcal.tasks.Reconstruct`; several regions have a semicolon between them.
-    labels, fit, replicates
+    labels, crop, fit, replicates
         As in `lfcal.tasks.ReconstructBars`.
     """
 
@@ -260,6 +261,7 @@ class ReconstructSettings(PageSettings):
     lattice: str = ""
     regions: str = ""
     labels: str = ""
+    crop: bool = False
     fit: str = ""
     replicates: int = BootstrapSettings().replicates
 
@@ -440,6 +442,7 @@ def bars_task_of(settings: ReconstructSettings, psf: str, frame: str, out: str, 
         solver=RlNesterovSolver(iterations=60, gain=gain, **known),
         grid=_grid(settings, settings.margin, None),
         labels=Path(settings.labels) if settings.labels else None,
+        crop=settings.crop,
         fit=Path(settings.fit) if settings.fit else None,
         bootstrap=BootstrapSettings(replicates=settings.replicates),
         **_inputs(settings, psf, frame, mat_order),

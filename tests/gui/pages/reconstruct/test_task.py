@@ -123,12 +123,20 @@ def test_a_task_has_the_fields_that_apply() -> None:
 def test_error_bars_are_a_task_with_their_settings(frame: np.ndarray) -> None:
     """Settings of the default solver and of the frame reach the task; another solver does not."""
     chosen = ReconstructSettings(
-        *("osem", 4), background=2.0, labels="labels.tif", fit="fit", replicates=5, margin=3, dark="dark.tif"
+        *("osem", 4), background=2.0, labels="labels.tif", crop=True, fit="fit", replicates=5, margin=3, dark="dark.tif"
     )
     task = bars_task_of(chosen, "H.h5", "frame.tif", "v.tif")
     assert (task.solver.name, task.solver.iterations, task.solver.background) == ("rl-nesterov", 60, 2.0)
     words = " ".join(shlex.split(command_of(task))).replace("=", " ")
-    for some in ("--bars", "--labels labels.tif", "--fit fit", "--replicates 5", "--margin 3", "--dark dark.tif"):
+    for some in (
+        "--bars",
+        "--labels labels.tif",
+        "--fit fit",
+        "--crop",
+        "--replicates 5",
+        "--margin 3",
+        "--dark dark.tif",
+    ):
         assert some in words, words
     with pytest.raises(InputError, match="replicates"):
         ReconstructSettings(replicates=2)
