@@ -364,7 +364,7 @@ def _iter_joined(
 
 def _placed(bars: ErrorBars, volume: NDArray[np.float32], there: tuple[slice, slice]) -> ErrorBars:
     """Return error bars of a whole ``volume``, whose maps are known only in the rows and columns ``there``."""
-    maps = {name: np.full(volume.shape, np.nan, np.float32) for name in MAPS}
+    maps: dict[str, Any] = {name: np.full(volume.shape, np.nan, np.float32) for name in MAPS}
     for name, values in maps.items():
         values[:, *there] = getattr(bars, name)
     return replace(bars, volume=volume, **maps)

@@ -550,8 +550,9 @@ class ReconstructBars(_ReconstructUncertain):
             choice = how.choice(self.out, forecast.seconds, "one by one") or here
             details = with_task(self, *found.matrices)
             changes = yield from self._iter_changes(found, how)
-            how_much = {"changes": changes, "crop": self.crop}
-            made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details, **how_much)
+            made = yield from iter_bars(
+                found, self.out, self.bootstrap, self.labels, choice, details, changes=changes, crop=self.crop
+            )
         default, own = type(self).__dataclass_fields__["solver"].default, self.solver
         tested = own.name == default.name and own.iterations == default.iterations
         tested &= self.bootstrap.contrast == BootstrapSettings().contrast and self.bootstrap.replicates >= 10
