@@ -37,8 +37,8 @@ class Bound:
     Examples
     --------
     >>> from lfcal.acquire import Bound
-    >>> lamp = Bound("temperature", low=20.0, high=22.0)  # the session holds while it reads something else
-    >>> print(lamp.gauge, lamp.low, lamp.high)
+    >>> lab = Bound("temperature", low=20.0, high=22.0)
+    >>> print(lab.gauge, lab.low, lab.high)  # the session pauses while the temperature is outside 20 to 22
     temperature 20.0 22.0
     """
 

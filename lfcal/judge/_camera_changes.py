@@ -30,7 +30,7 @@ APART = {
 """Unknowns of the group of the array, which may change independently."""
 
 OF_THE_SCAN = ("depths", "stage_scale", "stage_zero")
-"""Groups of unknowns whose effect on a single frame is the same as that of others."""
+"""Groups of unknowns whose effect on a single frame is the same as that of other groups."""
 
 SHOWS = 4.0
 """Significance, in standard deviations of noise, above which a suspect is reported."""
@@ -99,7 +99,7 @@ class Changes:
 
 
 def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Changes:
-    """Return the derivatives of patterns with respect to all unknowns of a fit, in steps of each unknown."""
+    """Return the derivatives of patterns with respect to the fitted unknowns of a camera, per step of each unknown."""
     plan = camera.plan
     groups = [group.name for group in GROUPS if group.name not in OF_THE_SCAN and not (group.late or group.held)]
     vector = Vector(camera.setup, ScanScales.of(plan), groups)
@@ -197,7 +197,10 @@ def _best_step(x: F8, residual: F8) -> tuple[F8, F8]:
 
 
 def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: FrameResiduals) -> Suspect:
-    """Return the part that the columns ``own`` explain; ``x`` and ``residual`` are in sigmas without nuisances."""
+    """Return the suspect to which the columns ``own`` belong, with its best-fit change.
+
+    ``x`` (these columns) and ``residual`` are in sigmas, without the part that nuisance parameters explain.
+    """
     good = left.weight.ravel() > 0
     power = float(np.square(left.light.ravel()[good]).sum())
     step, inverse = _best_step(x, residual)

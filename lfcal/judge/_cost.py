@@ -126,7 +126,7 @@ def _beyond(error: float, clean: float) -> float:
 
 
 def _consistent(costs: Sequence[float | None], faults: Sequence[FoundFault], all_of_it: float) -> list[float | None]:
-    """Return costs whose squares add up to at most that of ``all_of_it``, the cost of the H itself.
+    """Return costs whose squares add up to at most the square of ``all_of_it``, the cost of H itself.
 
     The remainder is assigned to faults that the patterns only sample: single frames, of which some were compared, and
     scatter. Light that only larger cutouts show is not part of the H.

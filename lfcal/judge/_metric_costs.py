@@ -61,7 +61,10 @@ class _Told(Fault):
 
 
 def as_faults(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple[str, FoundFault]]:
-    """Yield keys of metrics, each with a function that adds its fault to clean patterns, if this is known."""
+    """Yield the key and the fault of each metric whose cost can be measured.
+
+    If the effect of the fault on patterns is known, the fault contains a function that adds it to clean patterns.
+    """
     for one in metrics:
         found = FoundFault(_Told(one.key), "", 0.0, 0.0)
         if one.key in FRAMES and len(one.positions):

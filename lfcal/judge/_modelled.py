@@ -66,7 +66,11 @@ WINDOW_PX = 6
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Parameters of the models: displacements of sources and cutouts ``(n, 2)`` (px), depths of planes ``(nz,)``."""
+    """Parameters of the models.
+
+    These are the displacements of sources and cutouts ``(n, 2)`` (px), and the relative changes of the virtual depths
+    of the planes ``(nz,)`` (absolute near 0).
+    """
 
     source: F8
     window: F8
@@ -74,7 +78,7 @@ class Starts:
 
     @classmethod
     def none(cls, count: int, planes: int) -> Starts:
-        """Return the parameters of the plan."""
+        """Return the parameters without displacements or changes of depth."""
         return cls(np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(planes))
 
     def of(self, part: NDArray[np.intp]) -> Starts:
@@ -130,7 +134,11 @@ def parts(index: NDArray[np.intp], which: NDArray[np.intp]) -> list[NDArray[np.i
 
 
 def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = None) -> tuple[F4, F4]:
-    """Return predicted patterns ``(n, nt, ns)`` of positions ``(n, 3)`` and their derivatives ``(n, 5, nt, ns)``."""
+    """Return predicted patterns ``(n, nt, ns)`` of positions ``(n, 3)`` and their derivatives ``(n, 5, nt, ns)``.
+
+    The derivatives are, in this order, with respect to the source (y, x) and the cutout (y, x) in pixels, and to the
+    relative virtual depth (absolute near 0). They are 0 for the depth if the model has no deeper plane.
+    """
     starts = starts or Starts.none(len(index), known.plan.shape[0])
     model = np.empty((len(index), *known.plan.cutout), np.float32)
     columns = np.zeros((len(index), 5, *known.plan.cutout), np.float32)
@@ -217,7 +225,7 @@ def _of_other_planes(known: Behind, z: int) -> list[float]:
 
 
 def best_alike(data: F4, models: F4) -> float:
-    """Return the median correlation of patterns at the best displacement of their cutouts."""
+    """Return the median correlation of patterns with their models, each at the best displacement of its cutout."""
     return float(np.median([_displaced(a, b).max() for a, b in zip(data, models, strict=True)]))
 
 

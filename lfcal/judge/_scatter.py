@@ -71,7 +71,7 @@ def misfit(left: F4, light: F4, valid: Flags, noise: F4) -> float:
 
 
 def start_of(data: F4, valid: Flags) -> F4:
-    """Return a constant variance, from differences between neighbours where there is little light."""
+    """Return a constant variance, from the median difference between neighbouring samples of a row."""
     steps = (data[:, :, 1:] - data[:, :, :-1])[valid[:, :, 1:] & valid[:, :, :-1]]
     spread = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2) if steps.size else 1.0
     least = 1e-6 * max(float(np.abs(data).max()), 1e-30)
@@ -98,7 +98,7 @@ def rounding_of(data: F4, model: F4, valid: Flags) -> float:
 def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float, float]:
     """Return the variance constant + slope v + (share v)² for samples of brightness v, and constant and slope of noise.
 
-    Terms are those of the medians over bins of brightness. Errors of the model grow with brightness as well, so the
+        The terms are fitted to the medians over bins of brightness. Errors of the model grow with brightness, too, so the
     slope of the noise is the smallest of any bin.
     """
     bins, top = _bins(residual, light, valid)
@@ -111,7 +111,10 @@ def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float, float
 
 
 def _bins(residual: F4, light: F4, valid: Flags) -> tuple[F8, float]:
-    """Return mean and mean square of the brightness, variance and sample count of bins ``(4, n)``, and the top."""
+    """Return the values of bins of brightness, and the largest brightness.
+
+    The values ``(4, n)`` are the mean and the mean square of the brightness, the variance, and the sample count.
+    """
     v, r = light[valid].astype(np.float64), residual[valid].astype(np.float64)
     top = float(v.max()) if v.size else 0.0
     if top <= 0:

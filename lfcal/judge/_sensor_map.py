@@ -17,7 +17,7 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Offsets and gains along lines of the sensor ``(n,)``.
+    """Offsets and gains of lines ``(n,)`` or pixels ``(rows, columns)`` of the sensor.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class SensorMap:
         return _reported(*self._parts)
 
     def classes(self, rows: int, columns: int) -> Lines:
-        """Return the map ``(rows, columns)``, summed over pixels with equal positions modulo rows and columns."""
+        """Return the offsets and gains of pixels with equal positions modulo rows and columns, ``(rows, columns)``."""
         every = [(i, j) for i in range(rows) for j in range(columns)]
         sums = [np.array([p[i::rows, j::columns].sum() for i, j in every]).reshape(rows, columns) for p in self._parts]
         return _reported(*sums)

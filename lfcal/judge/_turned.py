@@ -48,7 +48,7 @@ class OrientationMatch:
 
 
 def few_positions(matrix: PSFMatrix, recorded: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return a few of the ``recorded`` positions ``(n, 3)`` in the first and last plane, the most defocused ones."""
+    """Return a few of the ``recorded`` positions ``(n, 3)``, from the first and last plane (the most defocused)."""
     ends = recorded[np.isin(recorded[:, 0], (recorded[0, 0], recorded[-1, 0]))]
     return ends[spread_out(ends, min(FEW, len(ends)), matrix.period)]
 

@@ -39,7 +39,7 @@ class DatedFit:
     Attributes
     ----------
     label
-        Name of the fit in the series, such as that of its folder.
+        Name of the fit in the series, such as the name of its folder.
     when, recorded
         Time of the recording, or else of the fit (UTC), and whether ``when`` is the time of the recording. If neither
         is known, ``recorded`` is None and ``when`` is the time of the file.
@@ -101,7 +101,7 @@ def fits_in(path: str | os.PathLike[str]) -> list[Path]:
 
 
 def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
-    """Return the fit in a folder; ``label`` is the name of the fit, by default that of the folder.
+    """Return the fit in a folder; ``label`` is the name of the fit, by default the name of the folder.
 
     Raises
     ------
@@ -251,7 +251,10 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
 
 
 def inspection_of(report: QualityReport, label: str, when: datetime) -> DatedInspection:
-    """Return the new inspection ``report`` as an entry ``label`` of a series; ``when`` is the time of its file."""
+    """Return the new inspection ``report`` as an entry ``label`` of a series.
+
+    ``when`` is the time of the file that was inspected.
+    """
     return _inspection(label, when, False, report.to_dict(), None)
 
 

@@ -36,7 +36,7 @@ CLIP = 4.0
 """Standard deviations above which a sample is not used in the fit of its pattern."""
 
 APART = 0.3
-"""Correlation with the model, relative to that of other patterns, below which a pattern is foreign."""
+"""Amount by which the correlation of a foreign pattern with its model is below the median correlation."""
 
 APART_ASKED = 0.05
 """Value of `APART` for suspect patterns, whose information about the sensor is also in other patterns."""

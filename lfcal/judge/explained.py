@@ -226,7 +226,7 @@ class _Few:
         return found.misfit if float(np.median(found.values[:, 0])) > 0 else math.inf
 
     def enough(self, after: float) -> bool:
-        """Return whether an alternative is much better than the description, and good enough."""
+        """Return whether the residual ``after`` of an alternative is much smaller than that of the description."""
         return after <= BETTER * min(self.before, 1.0)
 
 
@@ -262,7 +262,7 @@ def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = Non
 
 
 def _orientation(few: _Few) -> Work[Explanation | None]:
-    """Return the orientation in which patterns match their camera, if it is not the present one.
+    """Explain patterns by another orientation, if they match their camera in it.
 
     Patterns of a few positions are compared with all of H in all eight orientations, so that an orientation is found
     whatever happened to the positions.
@@ -388,7 +388,7 @@ def iter_explained(
 
 
 def _rows(few: _Few) -> Work[Explanation | None]:
-    """Return the displacement of every other row, or column, relative to the others (pixels)."""
+    """Explain patterns by a displacement of every other row or column relative to the others."""
     yield Clock(_STAGE, 0).at(0)
     model = _models(few, few.known)
     if model is None:
@@ -415,7 +415,7 @@ def _every_other(few: _Few, values: NDArray, axis: int, shift: int, of_sensor: b
 
 
 def _part(few: _Few) -> Work[Explanation | None]:
-    """Return the actual position of the cutouts on the sensor if it differs, as when frames show a part of it."""
+    """Explain patterns by another position of the cutouts on the sensor, as when frames show a part of the sensor."""
     yield Clock(_STAGE, 0).at(0)
     model = _models(few, few.known)
     if model is None:
@@ -466,7 +466,7 @@ def _moved_back(patterns: NDArray, by: tuple[int, int]) -> NDArray:  # type: ign
 
 
 def _types(few: _Few) -> Work[Explanation | None]:
-    """Return the order of the lens types in the description that the patterns show."""
+    """Explain patterns by another order of the lens types in the description."""
     camera = few.known.setup.camera
     count = len(camera.lattice.types)
     orders = [order for order in itertools.permutations(range(count)) if order != tuple(range(count))]
@@ -485,7 +485,7 @@ def _types(few: _Few) -> Work[Explanation | None]:
 
 
 def _gap(few: _Few) -> Work[Explanation | None]:
-    """Return the error of the gap between lenslets and sensor."""
+    """Explain patterns by an error of the gap between lenslets and sensor."""
     camera = few.known.setup.camera
 
     def scaled(factor: float) -> Camera:
@@ -497,7 +497,7 @@ def _gap(few: _Few) -> Work[Explanation | None]:
 
 
 def _diameter(few: _Few) -> Work[Explanation | None]:
-    """Return the error of the diameter of the iris."""
+    """Explain patterns by an error of the diameter of the iris."""
     camera = few.known.setup.camera
     optics = camera.optics
     if few.before > OF_PUPIL:
@@ -514,7 +514,7 @@ def _diameter(few: _Few) -> Work[Explanation | None]:
 
 
 def _blades(few: _Few, iris: Iris | None) -> Work[Explanation | None]:
-    """Return the number of blades of the iris, as shown by the sums, or else the best of the usual numbers."""
+    """Explain patterns by another number of iris blades: the number in the sums, or else the best of the usual ones."""
     camera = few.known.setup.camera
     optics = camera.optics
     if not isinstance(optics, MainLens) or few.before > OF_BLADES:
@@ -592,7 +592,7 @@ def _models(few: _Few, known: Behind) -> F4 | None:
 
 # -- a blocked pupil ---------------------------------------------------------------------------------------
 def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
-    """Return the fraction of the pupil that is dark in all patterns of a plane, and the residual of such a pupil."""
+    """Explain patterns by a blocked part of the pupil, which is dark in all patterns of a plane."""
     del few
     yield Clock(_STAGE, 0).at(0)
     if evidence is None:
@@ -620,7 +620,7 @@ def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
 
 
 def _dark_parts(evidence: Evidence, side: int) -> Iterator[tuple[int, NDArray[np.bool_], F8]]:
-    """Yield each plane, a mask ``(nt, ns)`` of where its patterns are too dark, and the expected light there."""
+    """Yield each plane, a mask ``(nt, ns)`` of where its patterns are too dark, and the expected light ``(nt, ns)``."""
     use = evidence.valid & ~evidence.unlike[:, None, None]
     for z in np.unique(evidence.index[:, 0]).tolist():
         own = evidence.index[:, 0] == z

@@ -376,7 +376,7 @@ def _disagreeing(quality: QualityReport, disagreement: Disagreement) -> Inspecti
 
 
 def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitted: bool) -> Work[Inspection]:
-    """Return the reason why an H was not compared and, with a stated camera, what explains the patterns instead."""
+    """Return the inspection of an H that was not compared: the reason and, with a stated camera, an explanation."""
     if not unlike.stated:
         return Inspection(quality, why_not=unlike.reason)
     explanation = None
@@ -408,7 +408,7 @@ def _confirmed(quality: QualityReport) -> QualityReport:
 
 
 def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[FoundFault]) -> float | None:
-    """Return the fraction of the light that the camera does not explain; None if it explains all."""
+    """Return the fraction of the light that the camera does not explain; None if it explains the patterns."""
     if cleaned.misfit > EXPLAINED:
         return cleaned.misfit
     kinds = {one.name for one in found if one.fault.needs_camera and one.share >= LARGE}

@@ -15,7 +15,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["new_frame", "new_frames"]
 
 NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
-"""Pattern of names of single files that state the position of their source."""
+"""Patterns of the names of single files that state the position of their source."""
 
 NEAR_DEPTH = 0.02
 """Largest relative difference between a depth and that of its plane in H."""
@@ -108,7 +108,7 @@ def new_frame(
 ) -> NewFrame:
     """Return frame ``k`` of a corrected view, with its noise and the position of its source.
 
-    ``label`` is the name of the frame for messages. ``place`` (row, column; px) and ``plane`` are those of `NewFrame`.
+    ``label`` is the name of the frame for messages. ``place`` (row, column; px) and ``plane`` are as in `NewFrame`.
     """
     samples = view.samples(k)
     noise = None

@@ -573,7 +573,10 @@ def _pair_weights(camera: Camera | None, rho: Array) -> NDArray[np.float32]:
 
 
 def _central(scene: _Scene, found: DepthMap, samples: int, workers: int | None) -> Image:
-    """Return the central view: each known sample on its plane, and the others on the plane of the median depth."""
+    """Return the central view: each sample from the rendered plane nearest to its depth.
+
+    Samples of unknown depth are taken from the plane of the median depth.
+    """
     known = found.known
     levels = np.quantile(1 / found.slope[known], np.linspace(0, 1, LEVELS)) if known.any() else np.array([1 / 3])
     levels = np.unique(np.clip(levels, -1 / MIN_SLOPE, 1 / MIN_SLOPE).astype(np.float32))

@@ -199,8 +199,8 @@ class LatticeFit:
         camera
             Camera with which the frame was recorded; its lens types and gap remain unchanged.
         origin
-            Lenslet (q, r) that defines the offset, which has type 0 if there are three types. None: the lenslet nearest
-            to the current offset.
+            Lenslet (q, r) whose centre becomes the offset. With three lens types, it must be of type 0. None: the
+            lenslet nearest to the current offset.
         type_step
             Type (1 or 2) of the lenslet that follows a type-0 lenslet along a row. None: unchanged.
 

@@ -192,7 +192,7 @@ class PlaneResponse:
     def _balanced(
         self, engine: PlaneEngine, compute: Callable[[PlaneEngine], NDArray[np.float32]]
     ) -> tuple[PlaneEngine, NDArray[np.float32]]:
-        """Return the result of ``compute`` and the engine, which is a finer one if the energy did not balance."""
+        """Return the engine, a finer one if the energy did not balance, and the result of ``compute`` with it."""
         for attempt in range(RETRIES + 1):
             try:
                 return engine, compute(engine)

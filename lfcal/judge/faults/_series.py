@@ -16,13 +16,13 @@ SURE = 7.0
 """Standard deviations above which a fault is significant."""
 
 BETTER = 0.6
-"""Correlation of two terms above which they are degenerate."""
+"""Ratio of two residuals below which the smaller one is clearly better; two values with a ratio above it are similar."""
 
 FAR = 6.0
 """Standard deviations above which a value has no weight."""
 
 MOST = 0.6
-"""Fraction of values, those near the median, from which a fit may start."""
+"""Fraction of the values that must be near the median for a fit to start with only these."""
 
 FEW = 6
 """Smallest number of patterns on either side of a jump."""

@@ -78,7 +78,7 @@ class AutoExposure(Fault):
 
 
 def _exposed(power: float, *, alike: bool) -> PutIn:
-    """Return the power law between the light of patterns and their peaks, for all planes or each separately."""
+    """Return a function that applies the power law to patterns, for all planes together (``alike``) or for each."""
 
     def put_in(patch: Patch) -> F4:
         tops = np.maximum(patch.light.max((1, 2)).astype(np.float64), 1e-300)

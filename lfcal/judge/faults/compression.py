@@ -114,7 +114,7 @@ class Compression(Fault):
         yield from self._rounded(evidence)
 
     def _rounded(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the excess of lost fine structure in blocks at one place, relative to neighbouring places."""
+        """Yield a fault if blocks at one offset have lost more fine structure than blocks shifted by one pixel."""
         for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(evidence), 2), np.intp))):
             gone, counts = _gone(evidence, corners)
             if counts.min() < FEW:
@@ -164,7 +164,7 @@ def _borders(
     axis
         0: from row to row, 1: from column to column.
     most_of
-        Largest difference that counts.
+        Magnitude at which differences are limited.
     block
         Size of a block (pixels).
 
@@ -191,7 +191,7 @@ def _borders(
 
 
 def _gone(evidence: Evidence, corners: NDArray[np.intp]) -> tuple[F8, F8]:
-    """Return the fraction of fine structure that is almost zero, by the start of blocks, and its amount."""
+    """Return the fraction of almost zero fine-structure coefficients, and the number of all, by the offset of blocks."""
     gone, counts = np.zeros((BLOCK, BLOCK)), np.zeros((BLOCK, BLOCK))
     data = np.where(evidence.valid, evidence.data, np.float32(0))
     nt, ns = (n - BLOCK + 1 for n in data.shape[1:])

@@ -53,7 +53,7 @@ ZEROS = 0.1
 """Smallest fraction of dark samples that are exactly zero, and of those that are not, if noise was cut off."""
 
 TAIL = 5.0
-"""Largest value of such noise, in standard deviations."""
+"""Largest value of noise that was cut off, in standard deviations."""
 
 DIM = 4.0
 """Standard deviations of the noise below which samples may have been cut off."""
@@ -77,7 +77,7 @@ class Saturated(Fault):
                 return
 
     def _within(self, evidence: Evidence, band: float) -> Iterable[FoundFault]:
-        """Yield a ceiling whose samples are within a fraction of the highest value."""
+        """Yield a fault if there is a ceiling, with samples within the fraction ``band`` of the highest value."""
         data = np.where(evidence.valid, evidence.data, -np.inf)
         top = float(data.max())
         level = np.float32((1 - band) * top)

@@ -23,7 +23,7 @@ CURVED = 0.02
 """Difference of an exponent from 1 above which it is reported."""
 
 STRONG = 0.1
-"""Difference of an exponent from 1 above which exponents are tried, because a derivative is not accurate enough."""
+"""Smallest difference from 1 of an exponent found by trying; smaller ones are measured by a derivative."""
 
 EXPONENTS = np.geomspace(0.3, 3.0, 41)
 """Exponents that are tried."""
@@ -155,7 +155,7 @@ class NotLinear(Fault):
 
 
 def _settled(evidence: Evidence, law: _Law) -> tuple[_Law, float, Evidence]:
-    """Return a fitted law, the standard deviation of its curvature, and the evidence of linear values."""
+    """Return a fitted law, the standard deviation of its bend, and the evidence of the linearised values."""
     for _ in range(TURNS):
         now = evidence.with_data(law.straight(evidence.data), evidence.valid)
         more, sigma = _reported(now, law)

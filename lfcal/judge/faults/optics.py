@@ -42,7 +42,7 @@ TURNS = 3
 """Number of iterations for the light of types."""
 
 DIM = 0.03
-"""Relative light of a lens type, compared with the others, that is reported."""
+"""Relative difference between the light of a lens type and that of the others above which it is reported."""
 
 
 VIEWS: dict[str, Callable[[F4], F4]] = {

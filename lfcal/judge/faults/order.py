@@ -61,7 +61,7 @@ def _to_and_fro(period: tuple[int, int], axis: int) -> Order:
 
 
 def _late(period: tuple[int, int], by: int) -> Order:
-    """Return the order of a serpentine scan whose frames are late by this number."""
+    """Return the order of a serpentine scan whose patterns are late by a number of frames."""
     ny, nx = period
 
     def order(index: Index) -> Index:

@@ -44,7 +44,7 @@ FOLLOWS = 6.0
 """Multiple of the camera's error by which parts may scatter, because displacements compensate for some of it."""
 
 EXPLAINS = 0.3
-"""Fraction of the residual of patterns that a change of the focal length must explain."""
+"""Fraction of the residual of patterns that a dark part of the pupil or a change of the focal length must explain."""
 
 LEFT = 0.02
 """Misfit above which lens types are tried; a smaller one rules out a type that is out of focus."""
@@ -53,7 +53,7 @@ STEP = 0.01
 """Change of a focal length for its derivative."""
 
 ROUNDS, NEAR = 6, 0.001
-"""Largest number of iterations for the change, and the change above which another is needed."""
+"""Largest number of iterations for the change of a focal length, and the step above which another one is needed."""
 
 BLUR = 0.005
 """Change of a focal length above which it is reported."""
@@ -212,7 +212,7 @@ class TypeFocus(Fault):
 
 
 def _settled(evidence: Evidence, kind: int, change: float) -> tuple[float, F4, Evidence] | None:
-    """Return the change of a type's focal length from a first guess, the light with it, and the evidence without.
+    """Return the change of a type's focal length from a first guess, the light with it, and the corrected evidence.
 
     The result is None if the first guess explains hardly anything, because the fault is then another one.
     """

@@ -33,7 +33,7 @@ FAR_PX = 0.4
 """Displacement of a single source above which its frame is not the planned one (pixels)."""
 
 UNLIKE = 0.3
-"""Correlation, relative to that of other patterns, below which a pattern does not belong to its position."""
+"""Amount by which the correlation of a pattern that does not belong to its position is below the median."""
 
 FEW = 0.1
 """Fraction of positions with displaced cutouts up to which they count as foreign patterns."""

@@ -285,7 +285,7 @@ class _Offsets:
 
     @classmethod
     def of(cls, lines: Lines, axis: int, peak: float) -> _Offsets | None:
-        """Return the offsets; None if there are none."""
+        """Return the offsets; None if they do not scatter significantly."""
         good = np.isfinite(lines.offset_sigma)
         off = lines.offset - np.median(lines.offset[good])
         spread = 1.4826 * float(np.median(np.abs(off[good])))

@@ -37,7 +37,7 @@ LITTLE = 1e-4
 """Fraction of the light that pixels must add or remove."""
 
 WIDE = 9
-"""Number of pixels on each side for comparison; spots of dust are a few pixels wide."""
+"""Side of the square with which a pixel is compared (pixels); spots of dust are a few pixels wide."""
 
 SEEN = 0.05
 """Fraction of the brightest pixel's light that a pixel should receive to be called dead."""
@@ -113,7 +113,7 @@ def _in_most(evidence: Evidence, bad: NDArray[np.bool_], hot: F8, dim: F8) -> ND
     bad
         Pixels of the sensor ``(rows, columns)``.
     hot, dim
-        Added counts, 0 for pixels with too little light; relative lack of light, negative.
+        Added counts, 0 for pixels that are not hot; relative change of the light, negative for dim pixels.
     """
     nt, ns = evidence.plan.cutout
     found = np.zeros_like(bad)

@@ -27,7 +27,7 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """Pixels ``(nt, ns)`` about the middle one, their pitch (rows, columns) (µm)."""
+    """Pixels ``(nt, ns)`` around the middle one, and their pitch along each axis (µm)."""
 
     shape: tuple[int, int]
     pitch_um: tuple[float, float]
@@ -113,7 +113,10 @@ def _pupil(camera: Camera, shift: float, grid: _Grid) -> tuple[Values, Values]:
 
 
 def _shadow_rays(camera: Camera, shift: float) -> tuple[Values, Values, float]:
-    """Return the sensor positions of rays evenly spread over the pupil (µm), their light, and that at the rim."""
+    """Return the radii on the sensor of rays evenly spread over the pupil (µm), their light, and the one at the rim.
+
+    The light at the rim is relative to the mean of all rays.
+    """
     u = (np.arange(RAYS) + 0.5) / RAYS
     gap, optics = camera.lattice.gap_um, camera.optics
     if not isinstance(optics, Microscope):

@@ -15,8 +15,9 @@ __all__ = ["FRAME_COLUMNS", "PatternSums", "frame_pass", "spot_pass", "step_pass
 FRAME_COLUMNS = ("energy", "squares", "top", "clipped", "nonfinite", "lit", "weight", "row", "column", "spread")
 """Columns of the table that `frame_pass` fills, one row for each pattern:
 
-energy, sum of squares; highest value and number of pixels with it; pixels that are NaN; lit pixels; their
-weight, its centroid relative to the cutout's centre, and the sum of their squared distances from it (pixels).
+energy, sum of squares; highest value and number of pixels with it; numbers of pixels that are NaN and of lit pixels;
+weight of the lit pixels, its centroid relative to the centre of the cutout (pixels), and the sum of the squared
+distances of the lit pixels from this centre (square pixels).
 """
 
 
@@ -58,7 +59,7 @@ def frame_pass(
     tolerance
         Difference below which values count as equal to the highest.
     out
-        Output of the results.
+        Arrays that receive the results.
     """
     ns = frames.shape[2]
     for x in range(frames.shape[0]):
@@ -192,7 +193,7 @@ def spot_pass(
 def step_pass(
     a: NDArray[np.float32], b: NDArray[np.float32], rows: int, columns: int, out: NDArray[np.float64]
 ) -> None:
-    """Add the squares of two patterns and their product to ``out (3,)``; ``b`` is one step after ``a``.
+    """Write the sums of the squares of two patterns and of their product to ``out (3,)``; ``b`` is one step after ``a``.
 
     The lenslets do not move on the sensor while the cutout moves by ``(rows, columns)``. Therefore ``b[t, s]``
     corresponds to ``a[t + rows, s + columns]``.

@@ -41,7 +41,7 @@ class Periodicity:
     --------
     >>> from lfcal.psf import open_psf
     >>> from lfcal.judge.quality import Periodicity, periodicity
-    >>> with open_psf("H.h5") as H:  # a period of 33 pixels to the right stands what is at x = 6, not 5
+    >>> with open_psf("H.h5") as H:  # 33 pixels to the right, as at x = 6, not 5
     ...     found: Periodicity = periodicity([H[0, 3, 6]], [(3, 5 + 33)], H.plane(0))
     >>> print(found.shift.round().tolist(), round(found.fitting_period[1]), "px would fit")
     [[0.0, 1.0]] 32 px would fit
@@ -77,7 +77,7 @@ def periodicity(
     control_frames
         Dark-subtracted patterns, cut out around the source's image as those of H, ``(n, nt, ns)``.
     positions
-        Position (row, column) of the source's image on the sensor in each (px), ``(n, 2)``.
+        Position (row, column) of the source's image on the sensor in each frame (px), ``(n, 2)``.
     plane
         Depth plane of H in which they were recorded, ``(ny, nx, nt, ns)``; read on demand.
     anchor
@@ -94,7 +94,7 @@ def periodicity(
     --------
     >>> from lfcal.psf import open_psf
     >>> from lfcal.judge.quality import periodicity
-    >>> with open_psf("H.h5") as H:  # the same pattern a period of 33 pixels to the right
+    >>> with open_psf("H.h5") as H:  # the same pattern one period (33 pixels) to the right
     ...     found = periodicity([H[0, 3, 5]], [(3, 5 + 33)], H.plane(0))
     >>> print(found.away.tolist(), found.difference.round(3).tolist())
     [[0, 1]] [0.0]

@@ -13,7 +13,7 @@ NEIGHBOURHOOD = 9
 
 
 def _pairs(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return ``steps (2, ny, nx)`` with pairs of unused patterns as NaN."""
+    """Return ``steps (2, ny, nx)`` with NaN for pairs that contain an unused pattern."""
     both = np.stack([use & np.roll(use, -1, axis) for axis in (0, 1)])
     return np.where(both, steps, np.nan)
 

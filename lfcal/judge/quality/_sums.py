@@ -92,7 +92,7 @@ class EdgeLight:
     Attributes
     ----------
     truncation
-        Mean over two pixels at the brightest side, relative to the plateau.
+        Mean over the two outermost rows or columns at the brightest side, relative to the plateau.
     leak
         Light outside 1.25 radii of the lit patch, relative to the total, minus the contributions of pixel noise and of
         the camera's tails.
@@ -139,7 +139,7 @@ def edge_light(
 
 
 def off_centre(shown: NDArray[np.float64], aperture: Aperture) -> float:
-    """Return the distance of the aperture's centre, or of the light's centroid, from the cutout's (pixels)."""
+    """Return the distance of the aperture's centre, or of the light's centroid, from the cutout's centre (pixels)."""
     from scipy import ndimage
 
     middle = [(n - 1) // 2 for n in shown.shape]

@@ -43,7 +43,7 @@ def move_matrix(table: PatternTable, use: NDArray[np.bool_]) -> NDArray[np.float
 def turned_frames(table: PatternTable, use: NDArray[np.bool_]) -> str:
     """Return the orientation that would make the frames of a plane upright, by name.
 
-    ``"as is"`` unless another orientation is clearly closer to the motion of the image.
+    It is ``"as is"`` unless another orientation is clearly closer to the motion of the image.
     """
     moves = move_matrix(table, use)
     if moves is None:

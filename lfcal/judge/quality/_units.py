@@ -1,4 +1,4 @@
-"""Inspect H in units of a plane: several at a time, and kept after a stop until the report is written.
+"""Inspect H plane by plane: several planes at a time, whose results are kept after a stop until the report is written.
 
 The comparison with the camera that follows is not split into units: each of its steps needs the result of the one
 before it.

@@ -34,7 +34,7 @@ SAME_NOISE, IDENTICAL = 0.05, 1e-12
 """Difference of one recording that was stored twice: relative to that of noise alone, and without noise."""
 
 CLEAR = 4.0
-"""Ratio of a sum's second moment to that of the lenslets above which the shadow's can be separated."""
+"""Ratio of a sum's second moment to that of the lenslets above which the size of the shadow can be determined."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,7 @@ class MatrixMeasures:
     >>> import numpy as np
     >>> from lfcal.psf import PSFMatrix
     >>> from lfcal.judge.quality import MatrixMeasures, Reading
-    >>> def loss(found: MatrixMeasures) -> list[Reading]:  # as `of_matrix` of a metric of one's own
+    >>> def loss(found: MatrixMeasures) -> list[Reading]:  # as `of_matrix` of your own metric
     ...     energy = found.energy[~found.dark]
     ...     return [Reading(float(100 * (1 - energy.min() / energy.max())))]
     >>> H, dark = PSFMatrix(np.ones((3, 2, 2, 5, 5))), np.array([False, False, True])

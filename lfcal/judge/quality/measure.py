@@ -168,7 +168,7 @@ class PlaneMeasures:
     --------
     >>> from types import SimpleNamespace
     >>> from lfcal.judge.quality import PlaneMeasures, Reading
-    >>> def contrast(plane: PlaneMeasures) -> Reading:  # as `of_plane` of a metric of one's own
+    >>> def contrast(plane: PlaneMeasures) -> Reading:  # as `of_plane` of your own metric
     ...     return Reading(plane.energy / plane.dark.noise, detail=f"plane {plane.about.z}")
     >>> tried = contrast(SimpleNamespace(energy=600.0, dark=SimpleNamespace(noise=2.0), about=SimpleNamespace(z=1)))
     >>> print(tried.value, tried.detail)
@@ -262,7 +262,7 @@ def _unmeasured(
     energy: float,
     faulty: Faulty,
 ) -> PlaneMeasures:
-    """Return the measurements of a plane without light, of which only some are known."""
+    """Return the measurements of a plane that are known without any light in it; the others are unknown."""
     blank = np.full(faulty.missing.shape, np.nan)
     return PlaneMeasures(
         about=context,
@@ -304,7 +304,7 @@ def _faulty(
 def _step_by_numpy(
     a: NDArray[np.float32], b: NDArray[np.float32], rows: int, columns: int, out: NDArray[np.float64]
 ) -> None:
-    """Do what `step_pass` does."""
+    """Compute the sums of `step_pass` with numpy."""
     u, v = a[rows:, columns:], b[: b.shape[0] - rows, : b.shape[1] - columns]
     # products first: their sums are then alike for equal patterns, wherever these are in memory
     out[:] = [(one * other).sum(dtype=np.float64) for one, other in ((u, u), (v, v), (u, v))]
@@ -389,10 +389,10 @@ def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity 
 
 
 def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the change across the wrap along y and x ``(2,)`` due to rounding of the period to whole pixels.
+    """Return the change across the wrap along y and x ``(2, 2)`` due to rounding of the period to whole pixels.
 
-    It is returned as the root of 1 minus the correlation of patterns with themselves, displaced by the difference
-    between period and lattice, and as a fraction of a step.
+    For each axis, this is the root of 1 minus the correlation of patterns with their copies displaced by the difference
+    between period and lattice, and the length of this displacement in steps.
     """
     ny, nx = plane.patterns.shape[:2]
     waves = plane.about.waves

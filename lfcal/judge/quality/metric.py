@@ -158,7 +158,7 @@ class MetricSpec:
     meaning, advice
         Meaning of the value, and remedy if it is bad, as sentences.
     limits, cost
-        Limits of good and bad values, and the cost.
+        Limits of good and bad values, and the model of the cost.
     of_plane
         Function that takes the measurements of one plane, and returns a `Reading`. It is called while the patterns of
         the plane are in memory.
@@ -395,7 +395,7 @@ def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, 
 
 
 def _cost(spec: MetricSpec, value: float, readings: Sequence[Reading], frames: int) -> float:
-    """Return the cost of a value that is not good: that measured for the planes, or else the typical one."""
+    """Return the cost of a value: 0 if it is good, else the cost measured for the planes, or the typical one."""
     reported = [one.cost for one in readings if not math.isnan(one.cost)]
     typical = spec.cost.of(value, spec.limits, frames)
     if reported and typical > 0:

@@ -43,8 +43,8 @@ class QualityReport:
         Working f-number from the slope of the aperture diameter over depth; None if camera and planes do not determine
         it.
     noise, peak, energy
-        Noise of a dark pixel, median peak of the patterns, and mean energy of the patterns in each plane, ``(nz,)`` in
-        the unit of H.
+        Noise of a dark pixel, median peak of the patterns, and median energy of the patterns in each plane, ``(nz,)``
+        in the unit of H.
     tilings
         Result of the control frames of each plane; None for a plane without control frames.
     seconds

@@ -46,8 +46,9 @@ class SimulatedCamera(Frames):
     plan
         The scan plan, whose order determines the indices of the frames.
     effects
-        As in `simulate_psf`, but ``"auto"`` also selects effects on frames. Effects on the motion of the source must be
-        given. Frames are uint16 if `Quantisation` is among the effects, otherwise float32; both are in counts.
+        As in `simulate_psf`, but ``"auto"`` also selects effects on frames. ``"auto"`` never selects motion effects:
+        list them explicitly. Frames are uint16 if `Quantisation` is among the effects, otherwise float32; both are in
+        counts.
     level, tolerance, sampling
         As in `simulate_psf`.
     peak

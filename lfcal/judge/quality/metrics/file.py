@@ -22,7 +22,7 @@ def _identities(plane: PlaneMeasures) -> Reading:
 
 
 def _transposition(plane: PlaneMeasures) -> float:
-    """Return the largest difference between sampled slices of HT and the entries of H they must equal, over the peak.
+    """Return the largest difference between sampled slices of HT and the equal entries of H, relative to the peak.
 
     ``HT[y, x, t, s] = H[(y + t - ct) mod ny, (x + s - cs) mod nx, nt - 1 - t, ns - 1 - s]`` in every plane.
     """

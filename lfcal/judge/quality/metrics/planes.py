@@ -120,7 +120,7 @@ def _in_order(h: MatrixMeasures) -> Values:
 
 
 def _out_of_order(values: Values) -> Values:
-    """Return a mask of the values outside the longest monotonic run, rising or falling."""
+    """Return a mask of the values outside the longest monotonic subsequence, rising or falling."""
     best: list[int] = []
     for sign in (1.0, -1.0):
         chains: list[list[int]] = []
