@@ -98,7 +98,7 @@ def rounding_of(data: F4, model: F4, valid: Flags) -> float:
 def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float, float]:
     """Return the variance constant + slope v + (share v)² for samples of brightness v, and constant and slope of noise.
 
-        The terms are fitted to the medians over bins of brightness. Errors of the model grow with brightness, too, so the
+    The terms are fitted to the medians over bins of brightness. Errors of the model grow with brightness, too, so the
     slope of the noise is the smallest of any bin.
     """
     bins, top = _bins(residual, light, valid)

@@ -53,7 +53,8 @@ __all__ = [
 
 Kind = Literal["recording", "H", "fit", "report", "export", "volume", "unreadable"]
 KINDS: tuple[Kind, ...] = ("recording", "H", "fit", "report", "export", "volume", "unreadable")
-"""Kinds of results: a recorded session, H, a fit, a quality report, H for another program, a volume."""
+"""Kinds of results: a recorded session, H, a fit, a quality report, H for another program, a volume, or a damaged file
+of one of these."""
 
 DEPTH = 4
 """Number of levels of folders that are searched."""
@@ -86,7 +87,7 @@ class StoredResult:
     when, dated
         Creation time (UTC), and whether the result states it; if it does not, ``when`` is the time of the file.
     bytes
-        Size of the file, or of all files directly in the folder (bytes).
+        Size of the file, or of all files in the folder and its subfolders (bytes).
     facts
         Pairs of name and value, as text.
     verdict, merit
@@ -249,7 +250,7 @@ def _folders(
 
 
 def _is_folder(entry: os.DirEntry[str]) -> bool:
-    """Return whether an entry is a folder that may contain results: not hidden, and not that of unfinished work."""
+    """Return whether an entry is a folder that may contain results: not hidden, unfinished work or a Zarr store."""
     return entry.is_dir() and not entry.name.startswith(".") and not entry.name.endswith((".parts", ".zarr"))
 
 

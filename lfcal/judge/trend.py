@@ -123,7 +123,7 @@ class Course:
 
     @property
     def notable(self) -> bool:
-        """Whether a known value is not rated "good" in at least one session; parameters have no rating."""
+        """Whether a known value is not rated "good" in at least one session, as all values of parameters."""
         return any(one is not None and one.merit != "good" for one in self.points)
 
     def to_dict(self) -> dict[str, object]:

@@ -45,7 +45,7 @@ class Matching(NamedTuple):
     rho: NDArray[np.float64]  # (m,): inverse slopes at equal steps
     weight: NDArray[np.float32]  # (m, 3, 3): weights of pairs of lens types
     half: int  # half the side of the window (pixels)
-    most: float  # largest squared difference that counts
+    most: float  # limit of the squared differences
     floor: float  # variance of the light that is always assumed
     shared: float  # number of pixels that share the noise of one
 
@@ -92,8 +92,8 @@ def _box(values: Float, half: int, out: Float, lines: Float) -> None:
 def _compare(light: Float, good: Float, box: NDArray[np.intp], lens: Float, pair: Float, sums: Float) -> None:
     """Add the squared differences of one micro-image from another one at one disparity, and their weights.
 
-    ``box`` is the first pixel, ``lens`` the centre and the radius, ``pair`` the displacement of the pixels, the other
-    one's centre as seen from this one, the weight of the pair, and the largest difference.
+    ``box`` is the first pixel, ``lens`` the centre and the radius. ``pair`` contains the displacement of the pixels, the
+    centre of the other micro-image relative to this one, the weight of the pair, and the limit of squared differences.
     """
     top, left, side = box[0], box[1], sums.shape[1]
     cy, cx, radius = lens[0], lens[1], lens[2]
@@ -126,7 +126,7 @@ def _compare(light: Float, good: Float, box: NDArray[np.intp], lens: Float, pair
 
 @njit()
 def _costs(light: Float, good: Float, lenslets: Lenslets, how: Matching, box: NDArray[np.intp], volume: Float) -> None:
-    """Write the mean squared differences and the numbers of terms ``(m, 2, side, side)``.
+    """Write the mean squared differences and the numbers of terms to ``volume`` ``(m, 2, side, side)``.
 
     ``box`` are the first row and column, and the number of the micro-image.
     """
@@ -194,7 +194,10 @@ def _best(costs: Float, floor: float, shared: float) -> tuple[float, float]:
 def match_lenslets(
     light: Float, good: Float, lenslets: Lenslets, how: Matching, found: Float, numbers: tuple[int, int]
 ) -> None:
-    """Write inverse slope and standard error of the pixels of micro-images ``numbers`` to ``found`` ``(2, ...)``."""
+    """Write inverse slope and standard error of the pixels of some micro-images to ``found`` ``(2, rows, columns)``.
+
+    ``numbers`` is the first of these micro-images, and the one after the last.
+    """
     side = 2 * int(np.ceil(lenslets.radius)) + 1
     volume = np.empty((len(how.rho), 2, side, side), np.float32)
     box = np.empty(3, np.intp)
@@ -302,7 +305,11 @@ def _modes(histogram: Float, rho: Float) -> tuple[Float, Float]:
 def join_rows(
     found: Float, lenslets: Lenslets, how: Matching, raster: Raster, out: Float, rows: tuple[int, int]
 ) -> None:
-    """Write inverse slope, error, agreement and lenslets of rows of the central view to ``out`` ``(4, ...)``."""
+    """Write rows of the central view to ``out`` ``(4, rows, columns)``.
+
+    The values are the inverse slope, its standard error, the fraction of depths that agree, and their number of
+    lenslets.
+    """
     part = Raster(raster.corner_y + rows[0] * raster.step_y, raster.corner_x, raster.step_y, raster.step_x)
     high, wide = rows[1] - rows[0], out.shape[2]
     histogram = np.zeros((len(how.rho), high, wide), np.float32)

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 METHODS = ("auto", "micro-images", "views")
 
 FLOOR = 2e-3
-"""Variation of the light that is always assumed, relative to its mean: of the interpolation, and of the sensor."""
+"""Variation of the light that is always assumed, relative to its mean, due to interpolation and to the sensor."""
 
 GOOD_PX = 0.3
 """Disparity error (pixels) for which the confidence is the probability to stay below it."""
@@ -121,9 +121,10 @@ def confidence_of(error: Image) -> Image:
 
 
 def supported(found: DepthMap) -> DepthMap:
-    """Return a map without depths of little confidence, and without those that no neighbour confirms.
+    """Return a map without depths of little confidence, and without those that too few neighbours confirm.
 
-    A neighbour within two samples confirms a depth if both agree within three standard errors and half a `GOOD_PX`.
+    A neighbour within two samples confirms a depth if both agree within three standard errors and half a `GOOD_PX`. At
+    least three neighbours and half of those with enough confidence must confirm it.
     """
     known = found.confidence >= MIN_CONFIDENCE
     disparity, error = np.pad(found.disparity, 2), np.pad(found.disparity_sigma, 2)

@@ -55,7 +55,7 @@ def planes_between(low: float, high: float, shift: float) -> Array:
 
 
 def iter_swept(views: MovedViews, planes: Array, half: int, workers: int | None) -> Work[Image]:
-    """Return the slope and its standard error ``(2, rows, columns)`` at which the views agree best; NaN if unknown.
+    """Return the slope at which the views agree best, and its error, ``(2, rows, columns)``; NaN if unknown.
 
     ``half`` is half the side of the windows (samples). Bands of rows limit the memory.
     """

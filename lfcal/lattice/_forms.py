@@ -276,7 +276,7 @@ MIN_SHARE = 4.0
 """Smallest number of measured coordinates per free parameter."""
 
 FLEXIBLE_SHARE = 8.0
-"""The same for a form that is used to extrapolate, or to weight the positions."""
+"""Smallest number of coordinates per free parameter of a form that is used to extrapolate or to weight positions."""
 
 MIN_GAIN_PX = 0.01
 """Displacement (px rms) by which a form must differ from a simpler one to be chosen."""

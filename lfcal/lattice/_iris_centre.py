@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SHELLS = 6
-"""Number of waves, shortest first."""
+"""Number of different lengths of the waves that are used, which are the shortest ones."""
 
 BLADES = (3, 5, 7, 9, 11)
 """Odd numbers of blades; with an even number, the centre is that of symmetry."""
@@ -52,7 +52,7 @@ STEP = 1e-7
 """Relative step for numerical derivatives, of each parameter or of 1."""
 
 SAMPLED_PX = 80.0
-"""Reach of a cell (pixels) for each sample that is left out between two of its table."""
+"""Reach (pixels) of a cell of whose table every sample is used; for one n times as large, it is every nth sample."""
 
 CONTRAST = 1e-3
 """Fraction of the light below which a wave is not used."""

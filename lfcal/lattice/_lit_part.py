@@ -204,7 +204,7 @@ def _explains(basis: Array, lags: Array, heights: Array) -> bool:
 
 
 def _lags(image: NDArray[np.float32]) -> tuple[Array, Array]:
-    """Return the lags ``(n, 2)`` (x, y) of maxima of the autocorrelation, shortest first, one of each pair; heights."""
+    """Return the lags ``(n, 2)`` (x, y) and heights of maxima of the autocorrelation, shortest first, one of a pair."""
     from scipy import fft, ndimage
 
     from lfcal.base import cv2

@@ -16,7 +16,7 @@ SURE = 7.0
 """Standard deviations above which a fault is significant."""
 
 BETTER = 0.6
-"""Ratio of two residuals below which the smaller one is clearly better; two values with a ratio above it are similar."""
+"""Ratio of two residuals below which the smaller one is clearly better; values with a ratio above it are similar."""
 
 FAR = 6.0
 """Standard deviations above which a value has no weight."""

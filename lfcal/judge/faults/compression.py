@@ -191,7 +191,7 @@ def _borders(
 
 
 def _gone(evidence: Evidence, corners: NDArray[np.intp]) -> tuple[F8, F8]:
-    """Return the fraction of almost zero fine-structure coefficients, and the number of all, by the offset of blocks."""
+    """Return the fraction of almost zero fine-structure coefficients, and the number of all, by offset of blocks."""
     gone, counts = np.zeros((BLOCK, BLOCK)), np.zeros((BLOCK, BLOCK))
     data = np.where(evidence.valid, evidence.data, np.float32(0))
     nt, ns = (n - BLOCK + 1 for n in data.shape[1:])

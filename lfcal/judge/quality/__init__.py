@@ -1,6 +1,7 @@
 """Quality metrics of a PSF matrix.
 
-- ``_inspect``: reads every plane once and returns a `QualityReport`; ``report`` defines the report; ``_units``: the same inspection, plane by plane
+- ``_inspect``: reads every plane once and returns a `QualityReport`; ``report`` defines the report; ``_units``: the
+  same inspection, plane by plane
 - ``metric``: definition of a metric; ``metrics`` contains all metrics, ``catalogue`` finds them
 - ``measure``: measurements of one plane that metrics share, from ``_dark``, ``pattern_table``, ``_sums``,
   ``_positions``, ``_turned``, ``_steps``

@@ -193,7 +193,7 @@ def spot_pass(
 def step_pass(
     a: NDArray[np.float32], b: NDArray[np.float32], rows: int, columns: int, out: NDArray[np.float64]
 ) -> None:
-    """Write the sums of the squares of two patterns and of their product to ``out (3,)``; ``b`` is one step after ``a``.
+    """Write the sums of the squares of two patterns and of their product to ``out (3,)``; ``b`` is a step after ``a``.
 
     The lenslets do not move on the sensor while the cutout moves by ``(rows, columns)``. Therefore ``b[t, s]``
     corresponds to ``a[t + rows, s + columns]``.

@@ -50,7 +50,7 @@ def page(
 ) -> str:
     """Return the report on ``H`` as one HTML document without scripts or external links.
 
-    ``pictures`` are embedded in the sections that they name. ``comparison`` is that with another H, whose path is
+    ``pictures`` are embedded in the sections that they name. ``comparison`` is the comparison with another H, whose path is
     ``reference``; None: there is none. With ``every``, metrics that do not apply are listed as well.
     """
     quality = inspection.quality

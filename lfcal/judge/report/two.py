@@ -59,7 +59,7 @@ COLUMNS = (
 """Headings of `figure_rows`."""
 
 SAME = 0.01
-"""Difference up to which two H count as the same, unless they are noisier."""
+"""Difference (NRMSE) below which two H agree."""
 
 OTHER_UNITS = 10.0
 """Scale between two H above which their values have different units: counts, and fractions of the light."""
@@ -251,7 +251,7 @@ def _patterns(found: Comparison) -> ReportPicture:
 
 
 def _maps(found: Comparison) -> ReportPicture:
-    """Draw error and shift over the positions of planes, the worst planes first."""
+    """Draw error and shift over the positions of the planes that differ most, in the order of their indices."""
     rank = np.nan_to_num([one.all.scaled for one in found.planes], nan=-1.0)
     order = np.argsort(-rank, kind="stable").tolist()
     planes = sorted([k for k in order if found.planes[k].positions][:PLANES])
