@@ -92,8 +92,9 @@ def _box(values: Float, half: int, out: Float, lines: Float) -> None:
 def _compare(light: Float, good: Float, box: NDArray[np.intp], lens: Float, pair: Float, sums: Float) -> None:
     """Add the squared differences of one micro-image from another one at one disparity, and their weights.
 
-    ``box`` is the first pixel, ``lens`` the centre and the radius. ``pair`` contains the displacement of the pixels, the
-    centre of the other micro-image relative to this one, the weight of the pair, and the limit of squared differences.
+    ``box`` is the first pixel, ``lens`` the centre and the radius. ``pair`` contains the displacement of the pixels,
+    the centre of the other micro-image relative to this one, the weight of the pair, and the limit of squared
+    differences.
     """
     top, left, side = box[0], box[1], sums.shape[1]
     cy, cx, radius = lens[0], lens[1], lens[2]

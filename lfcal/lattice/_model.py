@@ -146,7 +146,7 @@ class LatticeModel:
 def class_light(index: NDArray[np.intp], light: Array) -> Array:
     """Return the typical ``light`` ``(n,)`` of the class of each lenslet; NaN in ``light`` is left out.
 
-    Coatings and polarisers make alternate rows, columns or diagonals dimmer, and focal lengths one of three types.
+    Coatings and polarisers may dim alternate rows, columns or diagonals, and focal lengths may dim one of three types.
     ``light`` is relative to the surroundings. Classes extend over the whole array, so an edge of the light does not
     form one.
     """

@@ -34,7 +34,7 @@ PLACING_RADIUS = 0.56
 """Radius for locating a lenslet, in pitches: it includes the gaps, but not the neighbours."""
 
 LONE_RADIUS = 0.5
-"""The same for a few lenslets, most of which lack neighbours on one side."""
+"""Radius for locating one of a few lenslets, most of which lack neighbours on one side, in pitches."""
 
 FEW = 45
 """Number of lenslets below which most are at the edge of the array."""
@@ -77,7 +77,7 @@ PARTLY_LIT = 0.6
 """Fraction of working lenslets below which light covers a part of the frame only."""
 
 NARROW = 0.4
-"""The same below which no distortion is fitted."""
+"""Fraction of working lenslets below which no distortion is fitted."""
 
 LONE = 0.3
 """Fraction of working lenslets around a place of a partly lit field below which it is not lit."""
@@ -167,7 +167,7 @@ def mean_light(image: NDArray[np.float32], model: LatticeModel, index: NDArray[n
 
 
 def _top(values: Array) -> float:
-    """Return the typical value of bright lenslets, also if few are lit: the 90th percentile of those."""
+    """Return the typical value of bright lenslets, even if few are lit: the 90th percentile of the lit ones."""
     values = values[np.isfinite(values)]
     if not len(values):
         return 0.0

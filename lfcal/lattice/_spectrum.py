@@ -74,7 +74,7 @@ MAX_UNEVEN = 0.25
 between circles. Measured: rings, discs and polygons 0.07 at most; places where rings touch 0.47 and above."""
 
 CIRCLES, ANGLES, WITHIN = 8, 24, 0.4
-"""Number of circles about a centre, and of samples along each; radius of the largest one in the smaller pitch."""
+"""Number of circles about a centre, and of samples along each; radius of the largest one over the smaller pitch."""
 
 MIN_BRIGHT = 0.75
 """Smallest fraction of lenslets that must be brighter than the gaps around them."""

@@ -46,7 +46,10 @@ class Cells:
         return cls(np.zeros((0, 2), np.intp), np.zeros((0, 0, 1), np.int32), np.zeros((0, 0, 1)))
 
     def cut(self, share: Array, part: tuple[slice, slice]) -> tuple[NDArray[np.bool_], NDArray[np.int32], Array]:
-        """Return `near` and `share` for a part of the samples with other shares, and which lenslets have one."""
+        """Return which lenslets have a share in a part of the samples, and `near` and `share` of this part.
+
+        ``share`` ``(rows, columns, k)`` is used instead of the attribute.
+        """
         near, left = self.near[part], np.ascontiguousarray(share[part])
         used = np.zeros(len(self.lenslets), np.bool_)
         used[near[left > 0]] = True

@@ -19,7 +19,7 @@ __all__ = ["DIFFERS", "FITS", "FIT_PX", "UNKNOWN", "WRONG", "CameraCheck", "Chec
 FITS, DIFFERS, WRONG, UNKNOWN = "fits", "differs", "does not fit", "was assumed"
 
 FIT_PX = 0.3
-"""Largest displacement at the frame's edge for a value that fits; larger ones are reported as bad."""
+"""Largest displacement at the frame's edge for a value that fits (pixels)."""
 
 MEASURED = ("pitch_um", "row_pitch_um", "rotation_rad", "shear_rad", "offset_um", "distortion")
 

@@ -73,7 +73,7 @@ SHARED = 3.8
 """Number of pixels that share the noise of one after the filter (1, 2, 1)."""
 
 BIAS_PX = 0.04
-"""Systematic error of disparities, added to their standard error: of windows on slanted surfaces (pixels)."""
+"""Systematic error of disparities due to windows on slanted surfaces, added to their standard error (pixels)."""
 
 COMPLETE = 0.85
 """Smallest weight of the good pixels about a pixel: one of the eight may be missing."""
@@ -451,7 +451,7 @@ def _iter_by(
     slopes: tuple[float, float] | None,
     workers: int | None,
 ) -> Work[DepthMap]:
-    """Return the map by a method."""
+    """Compute the map with a method, and return it."""
     if method == "views":
         return (yield from _iter_views(scene, camera, slopes, workers))
     return (yield from _iter_micro_images(scene, camera, types, slopes, workers))
@@ -487,7 +487,7 @@ def _iter_micro_images(
 
 
 def _most(light: Image, good: Image) -> float:
-    """Return the largest squared difference that counts: four times the variance of the scene without hot pixels."""
+    """Return the limit of squared differences: four times the variance of the scene without hot pixels."""
     low, high = np.quantile(light[good > 0][::7], (0.05, 0.95)) if good.any() else (0.0, 1.0)
     return float(4 * ((high - low) / 3.3) ** 2)
 
@@ -618,7 +618,7 @@ def _iter_views(
 
 
 def _compared(scene: _Scene, workers: int | None) -> tuple[Image, Image, Array, ViewGrid]:
-    """Return the views relative to the white frame less 1, their weights ``(n, rows, columns)``, and offsets."""
+    """Return the views relative to the white frame less 1, their weights ``(n, rows, columns)``, offsets and grid."""
     lit = np.where(scene.good > 0, scene.lit, 0).astype(np.float32)
     views = extract_views(scene.light * lit, scene.lattice, radius_px=scene.radius, full=True, workers=workers)
     weights = sample_views(lit, views.grid, np.empty_like(views.images), workers=workers)

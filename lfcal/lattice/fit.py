@@ -125,7 +125,7 @@ def fit_lattice(
 def _settled(
     flat: NDArray[np.float32], model: LatticeModel, frame: DistortionFrame, workers: int | None
 ) -> tuple[LatticeModel, PlacedLenslets]:
-    """Return the lenslets located relative to a converged lattice."""
+    """Return a converged lattice, and the lenslets located relative to it."""
     # a better lattice gives a sharper mean micro-image, which locates the lenslets better
     for _ in range(ROUNDS):
         lenslets = place_all(flat, model, workers)

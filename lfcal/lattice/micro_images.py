@@ -26,7 +26,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 TypeOf = Callable[[ArrayLike, ArrayLike], NDArray[np.intp]]
-"""Lens types of lenslets q, r."""
+"""Function that returns the lens types of the lenslets with the indices q and r."""
 
 INVERSE_PX, INVERSE_ROUNDS = 1e-8, 25
 """Accuracy (pixels) of the lenslet centre when the index of a point is found iteratively."""

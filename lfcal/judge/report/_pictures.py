@@ -208,7 +208,7 @@ def _over_depth(quality: QualityReport) -> ReportPicture:
     sizes = np.array([a.diameter_px if a.seen else np.nan for a in quality.apertures])
     curves = (
         (sizes, "aperture diameter (px)"),
-        (quality.energy, "mean energy of a pattern"),
+        (quality.energy, "median energy of a pattern"),
         (quality.peak / np.where(quality.noise > 0, quality.noise, np.nan), "peak-to-noise ratio"),
     )
     with _sheet(3, 2.5) as sheet:

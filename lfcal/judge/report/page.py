@@ -50,8 +50,8 @@ def page(
 ) -> str:
     """Return the report on ``H`` as one HTML document without scripts or external links.
 
-    ``pictures`` are embedded in the sections that they name. ``comparison`` is the comparison with another H, whose path is
-    ``reference``; None: there is none. With ``every``, metrics that do not apply are listed as well.
+    ``pictures`` are embedded in the sections that they name. ``comparison`` is the comparison with another H, whose
+    path is ``reference``; None: there is none. With ``every``, metrics that do not apply are listed as well.
     """
     quality = inspection.quality
     name = one_line(Path(H.path).name) or "PSF matrix"
