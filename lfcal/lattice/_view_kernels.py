@@ -61,7 +61,7 @@ def _along(strip: Float, weights: Float, line: Float) -> None:
 
 @njit()
 def _taps(place: float, taps: int, weights: Float) -> int:
-    """Compute the weights of the samples about ``place``; return the sample at or before it (one tap: the nearest one)."""
+    """Compute the weights of the samples about ``place``, and return the first sample (cubic: the second one)."""
     if taps == 1:
         weights[0] = 1
         return int(np.floor(place + 0.5))

@@ -132,7 +132,7 @@ ROWS, COLUMNS = (0.2, 0.7), (0.07, 0.41, 0.76)
 """Positions that are computed, as fractions of the period."""
 
 NATIVE_ROWS, NATIVE_COLUMNS = (0.05, 0.2, 0.45, 0.7), (0.07, 0.24, 0.41, 0.58, 0.76, 0.93)
-"""The same near the native plane, where one lenslet receives all the light, or the gap between two lenslets does."""
+"""Positions near the native plane, where one lenslet or the gap between two lenslets receives all the light."""
 
 ATTEMPTS = 3
 """Number of samplings tried until the energy balances."""

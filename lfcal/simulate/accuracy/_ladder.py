@@ -33,10 +33,10 @@ __all__ = [
 ]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
-"""Largest number of samples per pixel of the reference that fits into its grid."""
+"""Numbers of samples per pixel of the reference; the largest one that fits into its grid is used."""
 
 DEBYE_SHOWN, WIDEST_SHOWN = 6, 40
-"""Finest nodes per pixel and largest margin (px) that are measured; finer ones take longer than all others together."""
+"""Largest number of nodes per pixel and largest margin (px) that are measured; larger ones take a very long time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,7 @@ def iter_ladder(
     >>> step: LadderProgress = next(work)
     >>> print(step.stage, step.count, step.note, sep="; ")
     accuracy as a function of time; 0 of 2; reference
-    >>> work.close()  # no more of it is wanted
+    >>> work.close()  # cancel the measurement
     """
     z = len(plan.depths_um) // 2 if z is None else z
     if not 0 <= z < len(plan.depths_um):

@@ -81,10 +81,10 @@ SAME_PLACE = 1e-6
 """Largest difference of a lenslet's pitch from whole pixels at which phases share rows of their matrices (px)."""
 
 MIRRORED = 6
-"""Positions of a microscope's period for each response that is computed, if the scene is not known."""
+"""Number of positions of a microscope's period for each response that is computed, if the scene is not known."""
 
 DIPOLES = 5
-"""Fields of a vectorial scene."""
+"""Number of fields of a vectorial scene."""
 
 
 class EngineWork(NamedTuple):

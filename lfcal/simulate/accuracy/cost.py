@@ -86,7 +86,7 @@ def _slowness() -> float:
 def _engine(outlook: Outlook, level: str, traits: Traits | None) -> str:
     """Return the name under which forecasts are corrected.
 
-    Windows and grids have the same, so that the choice between them is the same on every machine.
+    Windows and grids have the same name, so that the choice between them is the same on every machine.
     """
     if isinstance(outlook, PupilOutlook):
         return "single lenslets"

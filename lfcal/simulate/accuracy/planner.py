@@ -487,7 +487,7 @@ class _Decision(NamedTuple):
 
 
 def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decision:
-    """Return on or off with the reason; ``used`` is the fraction of the allowed error that is already used."""
+    """Return on or off with the reason; ``used`` is the error of the effects that are already left out."""
     effect = draft.effect
     size = f"{e.size:.3g} {e.unit}"
     share = f"{'at most ' if e.upper_bound else ''}{format_share(e.error)} of the image"

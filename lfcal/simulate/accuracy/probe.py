@@ -36,14 +36,15 @@ VISIBLE_COHERENT, VISIBLE_SUMMED = 0.65, 0.5
 """Fraction of a sampling's error that a comparison with a window twice as wide shows (measured)."""
 
 VISIBLE_BY_GRID = 0.9
-"""The same for windows compared with a grid, which has no error of this kind."""
+"""Fraction of the error of windows that a comparison with a grid shows, which has no error of this kind."""
 
 VISIBLE_NODES = {1: 0.9, 2: 0.8, 3: 0.6, 4: 0.6}
 """Fraction of the error of up to four nodes per pixel on the Debye path that one node more shows (measured: at least
 0.87, 0.79, 0.6 and 0.6)."""
 
 VISIBLE_MORE_NODES = 0.4
-"""The same for more nodes (measured: at least 0.45). An odd number of nodes and one more have similar errors."""
+"""Fraction of the error of more nodes that one node more shows (measured: at least 0.45). An odd number of
+nodes and one more have similar errors."""
 
 OF_WINDOWS = 1.5
 """Factor by which the error of windows may exceed the expected one."""

@@ -106,7 +106,8 @@ GRID_REFERENCE = 1
 
 KINK = 1.4
 """Oversampling on one grid if light meets the kink between lenslets, relative to other light. With 1.2 times the
-sampling for its angles, a response on a corner has an error of 5 %, with 1.6 of 0.6 % (4x/0.28, lenslets of f/7)."""
+sampling for its angles, the error of a response on a corner is 5 %; with 1.6 times, 0.6 %
+(4x/0.28, lenslets of f/7)."""
 
 OUTSIDE = 0.15
 """Fraction of light farther than r outside the shadow, times r / (lambda Nw)."""
