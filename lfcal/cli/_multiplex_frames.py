@@ -125,7 +125,9 @@ def recover(
     ),
     spacing: float | None = typer.Option(None, help="Solve iteratively on a grid of nodes at this distance (px)."),
     smoothness: float = typer.Option(
-        1e-4, min=0, help="Weight of differences between grid nodes in the iterative solution."
+        1e-4,
+        min=0,
+        help="Weight of differences between adjacent grid nodes in the iterative solution, relative to the pixels.",
     ),
     iterations: int = typer.Option(400, min=1, help="Largest number of iterations."),
     page: PageOption = 0,

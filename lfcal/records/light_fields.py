@@ -128,8 +128,8 @@ class ProjectionSettings:
     )
     device: str = opt(
         "auto",
-        "Where projections are computed: cpu; cuda or cuda:1, with PyTorch or CuPy. auto: an accelerator, if there "
-        "is one.",
+        "Where projections are computed: cpu; cuda or cuda:1, with PyTorch or CuPy. auto: an accelerator, if there is "
+        "one with enough memory, else cpu.",
         examples=("auto", "cpu", "cuda"),
     )
     threshold: float = opt(

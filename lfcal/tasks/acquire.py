@@ -254,14 +254,14 @@ class _Acquire(Task):
     )
     check_stage: bool | None = opt(
         None,
-        "Measure the directions, scale, repeatability and depth of the stage before the scan.",
+        "Measure directions, scale and repeatability of the stage, also its scale in depth, before the scan.",
         label="Check the stage",
         empty="yes for a new session, else as before",
         more=True,
     )
     check_origin: bool = opt(
         True,
-        "Check the origin of the stage when a session is continued. For this, the last position is recorded again.",
+        "Check the origin of the stage with a new frame of the last position when a session is continued.",
         label="Check the origin",
         more=True,
     )

@@ -284,9 +284,13 @@ class Assemble(AssembleRegions):
     manifest: Path | None = opt(
         None, "Manifest or list of the frames (.csv, .tsv, .txt, .json).", file="in", empty="stored with the frames"
     )
-    pattern: str = opt("", "Take positions from file names, such as 'z{z}_y{y}_x{x}.png'.", label="File names")
+    pattern: str = opt(
+        "", "Pattern that reads positions from file names, such as 'z{z}_y{y}_x{x}.png'.", label="File names"
+    )
     order: str = opt(
-        "", "Take positions from the order of file names: serpentine or raster.", choices=("serpentine", "raster")
+        "",
+        "Scan order, to take positions from the order of the file names: serpentine or raster.",
+        choices=("serpentine", "raster"),
     )
     columns: str = opt(
         "",
@@ -306,7 +310,7 @@ class Assemble(AssembleRegions):
     nan: str = opt(
         "auto",
         "Treatment of NaN in floating-point frames. auto: mask pixels that are NaN in all frames, and refuse "
-        "frames with others. mask: mask all. refuse: refuse frames with NaN.",
+        "frames with other NaN. mask: mask all NaN. refuse: refuse frames with NaN.",
         label="NaN in frames",
         choices=("auto", "mask", "refuse"),
         more=True,

@@ -47,8 +47,8 @@ BUTTONS = (
     (
         "start",
         "Start",
-        "Record every position into the session folder, or until H is accurate enough. A frame "
-        "counts when it is saved to disk",
+        "Record every position, or chosen positions until H is accurate enough. A frame counts when it is saved to "
+        "disk",
     ),
     ("pause", "Pause", "Finish the current position, then wait; Resume continues"),
     ("stop", "Stop", "Finish the current position, then stop; the session can be resumed later"),
@@ -63,7 +63,7 @@ BUTTONS = (
         "Assemble H …",
         "Make H from the cutouts of the recorded frames, minus the dark frames if there are any",
     ),
-    ("fit", "Fit", "Assemble the recorded frames into H.h5 in the session's folder, and fit the optics to it"),
+    ("fit", "Fit", "Assemble the recorded frames into H.h5 in the session's folder, and fit the optics to this H"),
     ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )
 """Key, title and meaning of each button."""
@@ -102,7 +102,9 @@ class RecordPanel(QWidget):
         self._last_curve: ErrorCurve | None = None
         self._light: NDArray[np.float64] | None = None
         self.strip = Strip(_tip, SIDE, worded=True)
-        self.strip.setToolTip("Planes of the scan. Click one to show it and to move the stage there")
+        self.strip.setToolTip(
+            "Planes of the scan. Click one to show it; the stage moves there if it is connected and not in use"
+        )
         self.progress, self.map_box = self._progress(), self._map_box()
         self.how = self._how()
         self._seen = column_of(of=self, spacing=4)

@@ -41,7 +41,8 @@ FINDINGS = (
     (
         "axis",
         "Optical axis",
-        "Take frames at 45 positions in the first and last plane. Find where a move in depth does not shift the image",
+        "Take frames at 45 positions in each of the first and last planes. Find where a move in depth does not shift "
+        "the image",
     ),
     (
         "exposure",
@@ -66,7 +67,7 @@ OVERLAYS = (
 CONNECTS = (
     ("Connect", "Connect camera and stage as chosen under Devices; nothing moves yet"),
     ("Choose devices …", "Choose the drivers of camera and stage, to record with real devices"),
-    ("Use the simulated rig", "Practise with a simulated camera and stage: same frames, noise and faults"),
+    ("Use the simulated rig", "Practise with a simulated camera and stage, which also have noise and faults"),
 )
 """Title and tooltip of the buttons that connect, or that lead to the choice of devices."""
 
@@ -176,7 +177,8 @@ class SetupPanel(QWidget):
             pictures.addWidget(view, 1)
         self.correlation, self.near_words = QLabel(), wrapped()
         self.correlation.setToolTip(
-            "Normalised correlation of the two images; 100 % for the same pattern at any brightness"
+            "Normalised correlation of the measured and the expected image; 100 % for the same pattern at any "
+            "brightness"
         )
         nearest = "Move the stage to the nearest plane of the plan, where a pattern is expected"
         self.go = button("", nearest, lambda: self.plane_asked.emit(self._nearest))
@@ -184,8 +186,9 @@ class SetupPanel(QWidget):
         self._nearest = 0
         self.numbers, self.spot = wrapped("", "–"), wrapped("", "–")
         self.spot.setToolTip(
-            "Centroid: of the light above the background. Sharpness: from differences between neighbouring pixels; "
-            "larger is sharper, at any brightness. Measured − predicted: offset of the image in rows and columns (px)"
+            "Centroid of the light above the background. Sharpness: computed from differences between neighbouring "
+            "pixels; larger is sharper, at any brightness. Measured − predicted: offset of the image in rows and "
+            "columns (px)"
         )
         for label in (self.numbers, self.spot):
             label.setTextFormat(Qt.TextFormat.RichText)

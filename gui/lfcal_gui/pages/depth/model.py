@@ -54,7 +54,7 @@ FIELDS: tuple[Field, ...] = (
         "use_h",
         "H of the project",
         kind="bool",
-        tip="Correct the depth scale by the planes of H, if the project has one of the same camera",
+        tip="Correct the depth scale by the planes of H, if the project has an H of the same camera",
         default=False,
     ),
     *(replace(one, late=bool(one.file) or one.late) for one in fields_of(Depth, without=HELD)),

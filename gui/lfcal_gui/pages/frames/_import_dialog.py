@@ -262,7 +262,9 @@ class ImportDialog(QDialog):
     def _add_names(self, grid: QGridLayout, row: int) -> None:
         self.pattern = QLineEdit(placeholderText="z{z}_y{y}_x{x}.tif")
         self.pattern.setAccessibleName("Names")
-        self.pattern.setToolTip("Pattern that reads positions from file names; {z}, {y} and {x} are the numbers")
+        self.pattern.setToolTip(
+            "Pattern that reads positions from file names; {z}, {y} and {x} are the numbers of the position"
+        )
         self.pattern.editingFinished.connect(self._typed)
         self.order = choice_box(ORDERS, ORDER, "Order")
         order = QFormLayout()
@@ -273,7 +275,7 @@ class ImportDialog(QDialog):
 
     def _options(self) -> QHBoxLayout:
         self.first = choice_box(FIRST, "Whether positions in names and lists are counted from 0 or 1")
-        self.shift = choice_box(SHIFTS, "Shift left-aligned samples down by a number of bits")
+        self.shift = choice_box(SHIFTS, "Number of bits by which left-aligned samples are shifted to the right")
         self.channel = choice_box((("", "as recorded"),), "One colour of a mosaic or a colour image")
         self.channel.setMinimumContentsLength(10)
         self.orientation = choice_box(LIES, "Rotation or mirroring that gives the frames the orientation of the sensor")

@@ -80,7 +80,8 @@ class ChecksView(QWidget):
         self.counts.setProperty("role", "hint")
         self.redo.setAccessibleName("Record bad positions again")
         self.redo.setToolTip(
-            "Record the bad positions again, then assemble and check H. The previous H is kept for comparison"
+            "Record the bad positions again in Record > Rig, then assemble and check H. The previous H is kept for "
+            "comparison"
         )
         self.redo.hide()
         self.table = RowsTable(COLUMNS, 1, brief=(1, 2), spare=(3, 4, 5, 6))

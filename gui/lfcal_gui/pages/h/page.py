@@ -305,7 +305,7 @@ class Page(BasePage):
             lambda: self._state_order(path, taken),
             stay=f"Keep {_plain(taken)}",
             stay_tip="Keep this order of the axes for the file, and do not ask again",
-            tip="Open the file again with this order of the axes. Undo (Ctrl+Z) restores the other",
+            tip="Open the file again with this order of the axes. Undo (Ctrl+Z) restores the previous order",
         )
 
     def _state_order(self, path: str, order: str) -> None:

@@ -331,9 +331,7 @@ class HPanel(QWidget):
     def _aperture_card(self) -> QWidget:
         panel, column = card()
         self.legend, larger = QLabel(), QPushButton("Enlarge …")
-        self.legend.setToolTip(
-            "Show the outline fitted to the depth-plane sum and the outline expected from the camera"
-        )
+        self.legend.setToolTip("Outline fitted to the depth-plane sum, and outline expected from the camera")
         larger.setProperty("role", "tight")
         larger.setToolTip("Show the apertures of all planes in a separate window, large enough to compare their blades")
         larger.clicked.connect(lambda: self.show_apertures())

@@ -167,7 +167,8 @@ FIELDS = (
         "spacing",
         "Node spacing",
         "px",
-        "Distance between grid nodes of the general route, 0.5 or more. Empty: from the number of measuring pixels",
+        "Distance between grid nodes of the general route, 0.5 or more. Empty: the square root of the "
+        "number of samples",
         optional=True,
         empty="auto",
         group="Reconstruction",
@@ -176,8 +177,8 @@ FIELDS = (
         "smoothness",
         "Smoothness",
         "",
-        "Weight of differences between grid nodes. It fixes what the pixels do not determine; keep it well below the "
-        "signal-to-noise ratio",
+        "Weight of differences between adjacent grid nodes, relative to the weight of the pixels. It determines "
+        "samples that no pixel measures; larger values give a smoother result",
         group="Reconstruction",
     ),
     Field(
@@ -203,10 +204,15 @@ SEARCH_FIELDS = (
         "is the best mask found",
     ),
     Field("search_size", "Mask side", "px", "Pixels along a side of the mask, 2 to 13", kind="int"),
-    Field("levels", "Levels", "", "Transmissions that can be printed: 2 for open and closed", kind="int"),
+    Field("levels", "Levels", "", "Number of transmission levels that can be printed; 2: open and closed", kind="int"),
     Field("kinds", "Filter kinds", "", "Largest number of different filters", kind="int"),
     Field("crosstalk", "Crosstalk", "", "Fraction of the light that a pixel loses to its four neighbours, 0 to 0.4"),
-    Field("least_light", "Minimum light", "", "Smallest fraction of the light that must pass, 0 to below 1"),
+    Field(
+        "least_light",
+        "Minimum light",
+        "",
+        "Smallest fraction of the light that filters or mask must transmit, 0 to below 1",
+    ),
 )
 
 

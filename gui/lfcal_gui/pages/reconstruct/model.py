@@ -38,8 +38,8 @@ DEVICE = Field(
     "Device",
     kind="choice",
     choices=(("auto", "auto"), ("cpu", "cpu: processor"), ("cuda", "cuda: accelerator")),
-    tip="Device that applies H. auto: an accelerator, if it has enough memory and is predicted "
-    "to be faster; else the processor",
+    tip="Device that applies H. auto: an accelerator, if there is one that supports the method and has enough memory; "
+    "else the processor",
 )
 
 NO_DEVICE = (
@@ -103,7 +103,7 @@ FIELDS: tuple[Field, ...] = (
         "Projector",
         kind="choice",
         choices=tuple((m, m) for m in ("auto", *METHODS)),
-        tip="Method that applies H. auto: the method with the lowest predicted cost",
+        tip="Method that applies H. auto: the method that is predicted to be fastest in the available memory",
     ),
     DEVICE,
     Field(

@@ -220,7 +220,7 @@ class ReconstructPanel(QWidget):
         self.forecast = QLabel("Open a light field to see the forecast")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
-        self.forecast.setToolTip("From a cost model calibrated on this machine")
+        self.forecast.setToolTip("Time and memory that a cost model calibrated on this machine predicts")
         folded.column.addWidget(self.forecast)
         folded.head.toggled.connect(lambda _: self.likelihood.show())
         return folded

@@ -48,7 +48,9 @@ class CheckDialog(QDialog):
             self.stack.addWidget(view)
         self.table = RowsTable(COLUMNS, 0, sizes=(OFF_BY,), spare=(OFF_BY,), roomy=ROOMY)
         self.table.setAccessibleName("Camera and white image")
-        self.table.setToolTip("Values of the description and of the white image, and their difference in pixels")
+        self.table.setToolTip(
+            "Values of the camera as described and as measured in the white image, and their difference in pixels"
+        )
         self.words, self.about = WrappedLabel(), WrappedLabel()
         self.words.setProperty("role", "value")
         row = QHBoxLayout(self)

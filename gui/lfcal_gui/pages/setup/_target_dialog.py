@@ -157,7 +157,9 @@ class TargetDialog(QDialog):
     def _build_images(self) -> None:
         self.graphics = pg.GraphicsView()
         self.graphics.setMinimumSize(120, 96)
-        self.graphics.setToolTip("Images of the holes in all frames; squares are the cutouts of the first frame")
+        self.graphics.setToolTip(
+            "Images of the points of the target in the frames; squares are the cutouts of the first frame"
+        )
         self.graphics.setAccessibleName("Images of the target on the sensor")
         self.plot = Plot(margin=10)
         self.graphics.setCentralItem(self.plot)
@@ -185,7 +187,7 @@ class TargetDialog(QDialog):
 
     def _results(self) -> QWidget:
         self.plane = QComboBox()
-        self.plane.setToolTip("Depth plane whose images and phases are shown. Each plane has separate frames")
+        self.plane.setToolTip("Depth plane whose images and covered phases are shown. Each plane has separate frames")
         self.plane.setAccessibleName("Plane")
         self.plane.currentIndexChanged.connect(lambda _: self._draw())
         images, left = card("Images on the sensor")
