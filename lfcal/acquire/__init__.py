@@ -5,7 +5,7 @@
 - ``runner``: the loop over all steps, with ``_motion``, ``lighting`` and ``_exposing``
 - ``guard``: check of each frame's content before it is accepted
 - ``suspending``: automatic pauses of a session while temperature or lamp are out of bounds
-- ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and what it reports
+- ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and its reports
 - ``frame_plan``, ``live_coverage``: whole frames of a target instead of cutouts of a point, and the positions that
   they show so far
 - ``recording``: frames on disk that survive a crash and a power cut; a session as a `FrameSource`

@@ -39,7 +39,7 @@ class Control:
         self._abort = threading.Event()
         self._wake = threading.Event()
         self.held = ""
-        """Why the session is on hold, or empty; set by the recording thread."""
+        """Reason why the session is on hold, set by the recording thread; empty if it is not."""
 
     def pause(self) -> None:
         """Request a pause after the current position."""

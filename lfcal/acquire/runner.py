@@ -1,7 +1,7 @@
 """Record step by step: move, wait for arrival, settle, read back, expose, read back, write, acknowledge.
 
 `Taker` carries out a step as scheduled. `Attempts` repeats it if a device failed, and investigates doubtful content.
-`Runner` goes through the schedule.
+`Runner` carries out all steps of the schedule.
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ class Taker:
         )
 
     def _crop(self, step: ScheduledFrame, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
-        """Return the stored part of a frame, contiguous, with its saturation mask and first sensor row and column."""
+        """Return the stored part of a frame, its saturation mask (or None), and its first row and column on the sensor."""
         roi = self._exposer.roi
         # dark frames keep the whole region, which contains the cutouts of all positions
         wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)

@@ -66,7 +66,7 @@ class Answer:
     change
         Function that takes the patterns with their plan, and returns them changed according to this answer.
     remedy
-        What to do if this answer is correct.
+        Remedy if this answer is correct.
     """
 
     question: str

@@ -186,10 +186,10 @@ class _Writer(NamedTuple):
 
 
 _UNMARKED = frozenset({"allow_missing"})
-"""Formats that hold only values."""
+"""Options of formats that contain only values."""
 
 _CODED = _UNMARKED | {"code", "quality"}
-"""Formats that other codes read."""
+"""Options of formats that other codes read."""
 
 _TIFF = _Writer(_write_tiff, frozenset({"position"}) | _CODED)
 WRITERS = {

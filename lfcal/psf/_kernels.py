@@ -222,7 +222,7 @@ class _Part(NamedTuple):
 
 
 class _Sizes(NamedTuple):
-    """What is the same for all tiles."""
+    """Sizes that are the same for all tiles."""
 
     nx: int
     ns: int

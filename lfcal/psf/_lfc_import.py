@@ -119,7 +119,7 @@ class _Table:
 
 
 def _finite(value: object) -> bool:
-    """Return whether a value is a number that a float holds."""
+    """Return whether a value is a finite number in the range of floats."""
     try:
         return isinstance(value, int | float | np.integer | np.floating) and math.isfinite(value)
     except OverflowError:

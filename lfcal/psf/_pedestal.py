@@ -22,7 +22,10 @@ CERTAIN = 4.0
 """Number of standard errors above which a level counts as different from zero."""
 
 CERTAIN_OF_BLOCKS = 5.0
-"""The same for the darkest of all blocks, which noise alone makes darker than the others."""
+"""Number of standard errors above which the level of the darkest block counts as different from zero.
+
+It is higher than `CERTAIN`, as noise alone makes one of the blocks darker than the others.
+"""
 
 BLOCKS = 8
 """Blocks along each axis into which cutouts are divided to find their darkest part."""

@@ -230,7 +230,7 @@ class TransposedPlanes:
         return ht_slice(self.base.plane(z), y, x)
 
     def transposed(self) -> Planes:
-        """Return the planes that these are the transpose of."""
+        """Return the planes of which these are the transpose."""
         return self.base
 
 

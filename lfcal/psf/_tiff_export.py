@@ -1,7 +1,7 @@
 """H as TIFF that ImageJ opens as a hyperstack: Z is depth, T the source position, with µm and a label on each page.
 
-ImageJ's own format holds only uint8, uint16 and float32 and less than 4 GB. Other H become OME-TIFF, which Fiji opens
-through Bio-Formats.
+ImageJ's own format can contain only uint8, uint16 and float32, and less than 4 GB. Other H become OME-TIFF, which Fiji
+opens through Bio-Formats.
 """
 
 from __future__ import annotations

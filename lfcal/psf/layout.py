@@ -88,7 +88,7 @@ class Stored:
     store_tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        """Check what an H file can hold."""
+        """Check that these are valid settings of an H file."""
         if self.dtype not in STORED_TYPES:
             raise InputError.expected("stored type", any_of(STORED_TYPES), self.dtype, "choose one of these")
         if self.compression not in COMPRESSIONS:

@@ -51,7 +51,7 @@ SCAN = {
     "transpose": "x and y of stage or scan are swapped",
     "anti-transpose": "x and y of stage or scan are swapped and both reversed",
 }
-"""What would make the image move as in frames with this orientation."""
+"""Error of the scan that would make the image move as in frames with each orientation."""
 
 
 def either_words(name: str) -> str:

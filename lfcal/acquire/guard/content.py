@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 SAMPLES = 1 << 14
-"""Number of samples of a frame that are compared, in whole rows; noise never repeats in so many."""
+"""Number of samples of a frame that are compared, in whole rows; noise never repeats in that many."""
 BUFFERS = 8
 """Number of earlier exposures with which torn frames are compared: as many as drivers have buffers."""
 FEW = 16
@@ -160,7 +160,7 @@ GAINS = (1.3, 2.0, 2.5, 1.5)
 FIRST = (0.001, 0.03, 0.15, 0.15)
 """Initial typical differences: level (fraction of the range), light (relative), row and column (pixels)."""
 LEAST = (0.003, 0.2, 0.5, 0.5)
-"""Differences that are always tolerated, in the same units."""
+"""Differences that are always tolerated, in the units of `FIRST`."""
 ELSEWHERE = (0.01, 0.5, 1.5, 1.5)
 """Differences tolerated in a frame without neighbours, which is compared with the latest one of another plane."""
 MANY = (0.01, 0.5, math.inf, math.inf)

@@ -120,7 +120,7 @@ _values = attrgetter(*STORED)  # of a note, in the record's order
 _BODY = RECORD.itemsize - 8  # a record's CRC-32 covers everything before itself
 _MARK = 0x1FCA1
 ATTEMPTS = 0xFF
-"""Highest number of attempts that a record can hold."""
+"""Highest number of attempts that a record can store."""
 
 
 def frame_crc(frame: bytes | memoryview) -> int:

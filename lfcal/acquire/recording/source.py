@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 __all__ = ["CheckFrame", "RecordingSource", "TargetRecording", "read_checks", "sampled_references"]
 
 SAMPLED = 32
-"""Largest number of reference frames of a recording from which the light of an earlier run is known."""
+"""Largest number of reference frames of a recording that are read to know the light of an earlier run."""
 
 
 @dataclass(frozen=True)

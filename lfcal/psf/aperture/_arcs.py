@@ -69,7 +69,7 @@ def arcs_radius(
 
 
 def _arcs_radius(arcs: Values, stretched: tuple[float, float], origin: tuple[float, float], angles: Values) -> Values:
-    """Return what `arcs_radius` computes, by numpy and the same equations."""
+    """Compute the values of `arcs_radius` with numpy and the same equations."""
     (stretch, shear), (row, column) = stretched, origin
     ca, sa = np.cos(angles), np.sin(angles)
     ex, ey = ca * (1 + stretch) + sa * shear, ca * shear + sa * (1 - stretch)

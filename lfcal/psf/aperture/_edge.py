@@ -40,7 +40,7 @@ MODEL = 2e-4
 """Part of the radius that no model explains at best, because pixels are squares."""
 
 FOURTH = 1.0
-"""The same for kernels that are not discs: their fourth moment moves the edge by up to this times blur⁴ / radius³."""
+"""Largest shift of the edge due to the fourth moment of kernels that are not discs, in units of blur⁴ / radius³."""
 
 BLUR_ERROR = 0.03
 """Relative error of the blur measured on an edge of finite length."""

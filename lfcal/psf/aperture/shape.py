@@ -352,8 +352,8 @@ class Aperture:
     def vertices(self) -> NDArray[np.float64]:
         """Return the vertices (row, column) of the outline, ``(blades, 2)`` (px); empty for a circle.
 
-        They are the points of the outline in the directions of the vertices of a regular iris. These directions hold
-        before the elongation is applied. If a blade is displaced or a second rim clips the aperture, the outline may
+        They are the points of the outline in the directions of the vertices of a regular iris. These are the
+        directions before the elongation. If a blade is displaced or a second rim clips the aperture, the outline may
         have its corners elsewhere.
         """
         theta = self.rotation_rad + 2 * math.pi * np.arange(self.blades) / max(1, self.blades)

@@ -433,7 +433,7 @@ def _respond(
     target: LightTarget,
     scratch: _Scratch,
 ) -> None:
-    """Do what `respond` describes in memory allocated by Python, because code without allocations compiles faster."""
+    """Compute the responses of `respond` in memory allocated by Python: code without allocations compiles faster."""
     aperture, zoom = lens
     # read arrays from their records before the loop: inside, each access would count references
     dx, per, w = field.dx_um, zoom.per_px, zoom.bins.shape[1]

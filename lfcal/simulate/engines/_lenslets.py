@@ -40,7 +40,8 @@ mx, my
 lx, ly
     The lenslet from the source's image, c - X0 (µm).
 energy_in, energy_out
-    What the lenslet passes and what its window receives, set by `lfcal.simulate.engines._kernels.respond`.
+    Energy that the lenslet passes, and energy that its window receives; `lfcal.simulate.engines._kernels.respond`
+    sets both.
 """
 
 

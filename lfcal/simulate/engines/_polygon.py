@@ -179,7 +179,7 @@ def spectrum(
 
 
 def _edge_sums(closed: Points, fx: NDArray[np.float64], fy: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return what `_edge_rows` computes, for ``fx`` (n,) and ``fy`` (m, 1), by numpy and the same equations."""
+    """Compute the values of `_edge_rows`, for ``fx`` (n,) and ``fy`` (m, 1), with numpy and the same equations."""
     total = np.zeros((len(fy), fx.size), np.complex128)
     for p, q in itertools.pairwise(np.pi * closed):
         (ex, ey), (mx, my) = q - p, q + p

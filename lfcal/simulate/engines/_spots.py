@@ -184,8 +184,8 @@ def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) ->
     """Add a spot of irradiance ``gain``, in pixels from the cutout's corner, to ``image`` (nt, ns).
 
     Returns the energy of the spot's part in the cutout, and the energy that was drawn; both are 0 if it is outside.
-    They are computed by two different sums and agree up to rounding. ``a`` holds the polygon, ``b`` and ``acc`` are
-    scratch.
+    They are computed by two different sums and agree up to rounding. ``a`` contains the polygon, ``b`` and ``acc``
+    are scratch.
     """
     nt, ns = image.shape
     x0, x1, y0, y1 = _bounds(a, n)

@@ -10,7 +10,11 @@ __all__ = ["MAX_ORDERS", "MAX_SAMPLES", "MAX_SIDE", "SWITCH", "SWITCH_EXACT", "E
 SWITCH = 12.0
 """Fresnel number of the iris's shadow above which the E-mode is used (see `lfcal.simulate.engines.field`)."""
 SWITCH_EXACT = 8.0
-"""The same limit with exact angles, which windows follow only in E-mode, and which matter more than its error."""
+"""Fresnel number above which the E-mode is used with exact angles.
+
+It is lower than `SWITCH`, because windows follow exact angles only in E-mode, and this matters more than the error of
+the E-mode.
+"""
 
 MAX_SAMPLES = 4096
 """Largest side of a position's grid (samples)."""
