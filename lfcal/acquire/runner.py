@@ -174,7 +174,7 @@ class Taker:
         )
 
     def _crop(self, step: ScheduledFrame, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
-        """Return the stored part of a frame, its saturation mask (or None), and its first row and column on the sensor."""
+        """Return the stored part of a frame, its saturation mask (or None), and its first sensor row and column."""
         roi = self._exposer.roi
         # dark frames keep the whole region, which contains the cutouts of all positions
         wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)

@@ -228,7 +228,7 @@ def _controls(plan: ScanPlan, options: Options, count: int) -> list[Block]:
 
 
 def _control_offsets(plan: ScanPlan, options: Options, middle: NDArray[Any]) -> list[tuple[int, int]]:
-    """Return whole periods (y, x) in the four directions."""
+    """Return displacements (y, x) of control frames from ``middle`` in the four directions, in whole periods."""
     shape = window_shape(plan, options)
     offsets: list[tuple[int, int]] = []
     for sign in (-1, 1):

@@ -272,7 +272,7 @@ def check_new(folder: Path) -> None:
 
 
 def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequence[Position]) -> SessionFile:
-    """Return a new session, of the positions ``only`` if they are not None."""
+    """Return the new session ``file`` for the positions ``only`` (None: all), with the positions ``kept_aside``."""
     aside = tuple(tuple(map(int, p)) for p in kept_aside)
     if only is None:
         return replace(file, kept_aside=aside)
@@ -319,7 +319,10 @@ def _repaired(folder: Path, file: SessionFile, rig: Rig, options: Options, found
 def _check_possible(
     folder: Path, file: SessionFile, run: int, rig: Rig, options: Options
 ) -> tuple[Schedule, np.dtype[Any]]:
-    """Return the steps of recording ``run`` and the type of its frames; raise for limits, light or disk space."""
+    """Return the steps of recording ``run`` and the sample type of its frames.
+
+    Raises an error if the stage's limits, the light or the disk space do not allow the recording.
+    """
     schedule = file.schedule(run)
     Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
     dtype = frame_dtype(file.plan, file.options, file.devices)
@@ -343,7 +346,7 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
 
 
 class _Watching(NamedTuple):
-    """The control of a run, its observers, its conditions for suspension, and facts about the stage."""
+    """Control, preview and observers of a run, its conditions for pauses, and the result of the stage check."""
 
     control: Control
     preview: Preview | None

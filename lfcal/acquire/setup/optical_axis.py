@@ -162,10 +162,11 @@ def iter_optical_axis(
 
 
 def _places(plan: ScanPlan, planes: list[int]) -> NDArray[np.float64]:
-    """Return object points ``(K, 45, 3)`` (right, down, away): nine within a cell, in the middle and around it.
+    """Return object points (right, down, away) ``(K, 45, 3)`` (µm): nine at each of five places of the sensor.
 
-    The nine positions are a third of a period apart, so that the first harmonics of the lenslets' pattern cancel. These
-    would displace centroids by more than the change of magnification.
+    The places are the centre and four points around it. The nine positions are a third of a period apart, so that the
+    first harmonics of the lenslets' pattern cancel. These would displace centroids by more than the change of
+    magnification.
     """
     ny, nx = plan.period
     rows, columns = (size // 4 // n * n for size, n in zip(plan.camera.sensor.shape, (ny, nx), strict=True))

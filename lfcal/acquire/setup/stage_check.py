@@ -55,7 +55,7 @@ FLOOR_PX = 0.05
 ROUGH = 0.1
 """Relative scale error that is detected even if the lenslets' pattern does not cancel between the places."""
 AWAY_PX, NEAR, TRIES = 0.3, 0.2, 3
-"""Displacement from plan above which images are taken again, and how often, if the scale error is below `NEAR`."""
+"""Displacement above which images are taken again (pixels), largest scale error for this, and number of repetitions."""
 FOCUSED_SIGMAS = 20.0
 
 

@@ -42,7 +42,7 @@ __all__ = [
 
 SENSES = ("right", "down")
 CELL_PX = 0.25
-"""Tolerated displacement of the source over one period by an error of scale or angle (pixels)."""
+"""Tolerated displacement of the image over one period due to an error of scale or angle (pixels)."""
 PHASE = 0.1
 """Tolerated displacement of the lenslets' pattern, in periods, between places that should look the same."""
 
@@ -344,7 +344,7 @@ The first depends on the working distance of the lens too, the others on how the
 STILL = 0.2
 """Fraction of the expected movement below which a depth axis is reported not to move."""
 ALIKE, APART_PX = 0.98, 2.0
-"""Correlation above which two planes are the same, if the pattern's edge should have moved so far (pixels)."""
+"""Correlation above which two planes count as the same, and smallest expected motion of the edge for this (pixels)."""
 
 
 class DepthLook(NamedTuple):
