@@ -10,10 +10,11 @@ import numpy as np
 from lfcal.fit import Fineness, Setup
 from lfcal.recalibrate.model import WindowModel
 from lfcal.recalibrate.score import STEPS
+from lfcal.simulate import Sampling
 
 __all__ = ["Round", "processor_seconds"]
 
-Round = tuple[int, object, float]
+Round = tuple[int, Sampling, float]
 """Iterations for the object, sampling, and fraction of the light whose voxels determine derivatives."""
 
 LIT = 0.3

@@ -76,7 +76,7 @@ class Steps:
                     return dict(stored)
             except (OSError, ValueError) as error:
                 raise StorageError(f"{file}: cannot be read ({error}); delete it, and continue (--resume)") from None
-        found = make()
+        found: dict[str, Any] = dict(make())
         with replace_whole(file) as part, part.open("wb") as out:
-            np.savez(out, **dict(found))
+            np.savez(out, **found)
         return found

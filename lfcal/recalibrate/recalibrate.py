@@ -404,7 +404,7 @@ class _Run:
             total = Score.none(count + 1)
             for k, model in enumerate(models):
                 step = self.steps.result(partial(self._scored, model, u, how, derivatives.get(k)))
-                derivatives[k] = step.get("derivatives", derivatives.get(k))
+                derivatives[k] = step["derivatives"] if "derivatives" in step else derivatives[k]
                 total += Score(step["information"], step["gradient"])
                 yield clock.at(turn * len(models) + k + 1)
             own = total.information[:count, :count]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lfcal.reconstruct.bar_run import BarForecast, bar_outputs, iter_bars
 from lfcal.reconstruct.error_bars import UNKNOWN
 from lfcal.reconstruct.feature_run import feature_outputs, iter_features, read_features
-from lfcal.reconstruct.frame_files import cleaner, frames_of, is_series, targets_of
+from lfcal.reconstruct.frame_files import FrameFile, cleaner, frames_of, is_series, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
 from lfcal.reconstruct.margin import cropped, usual_margin
 from lfcal.reconstruct.memory import room_for_projections, run_memory
@@ -29,6 +29,7 @@ __all__ = [
     "UNKNOWN",
     "VOLUME_FORMAT",
     "BarForecast",
+    "FrameFile",
     "FrameRun",
     "SharedOptics",
     "VolumeFacts",

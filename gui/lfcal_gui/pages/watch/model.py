@@ -85,7 +85,7 @@ Row = tuple[tuple[str, ...], tuple[float, ...]]
 def rows_of(found: DriftWatch) -> list[Row]:
     """Return the texts and the numbers of a row for each frame."""
     tests = {name: one for one in found.means for name in one.frames}
-    rows = []
+    rows: list[Row] = []
     for one in found.frames:
         test, ratio = tests.get(one.name), math.nan if one.goodness is None else one.goodness.ratio
         square = math.nan if test is None else test.t_squared
