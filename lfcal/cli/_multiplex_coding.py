@@ -50,10 +50,10 @@ def coding(
     context: typer.Context,
     source: str = typer.Argument(help="H file, or a preset or camera file, for which patterns are simulated."),
     *,
-    points: int = typer.Option(7, min=2, max=255, help="Number of points in a block, whose patterns overlap."),
+    points: int = typer.Option(7, min=2, max=255, help="Number of points in a block; their patterns overlap."),
     step: int = typer.Option(1, min=1, help="Distance between points, in source positions (px in the image)."),
     at: str = typer.Option("0,0", help="Source position Y,X of the first point."),
-    plane: int = typer.Option(0, min=0, help="Plane of the H file."),
+    plane: int = typer.Option(0, min=0, help="Number of the plane of the H file, starting at 0."),
     virtual_depth: float | None = typer.Option(
         None, help="With a camera: virtual depth of the simulated plane; default 4."
     ),
@@ -69,7 +69,9 @@ def coding(
     signal: float | None = typer.Option(
         None, help="Electrons in the brightest pixel of a single point in one frame; default: the full well."
     ),
-    sensor: str | None = typer.Option(None, help="Preset or camera file whose sensor to use; default: that of SOURCE."),
+    sensor: str | None = typer.Option(
+        None, help="Preset or camera file whose sensor to use; default: the camera of SOURCE."
+    ),
     gain: GainOption = 1.0,
     exposure: ExposureOption = 0.0,
     uncorrected: UncorrectedOption = False,

@@ -123,11 +123,16 @@ def recover(
     dark: float | None = typer.Option(
         None, help="Black level (counts); default: from the file, else from --camera, else 0."
     ),
-    spacing: float | None = typer.Option(None, help="Solve iteratively on a grid of nodes at this distance (px)."),
+    spacing: float | None = typer.Option(
+        None,
+        help="Solve iteratively on a grid of nodes at this distance (px); default with --transmissions: the square "
+        "root of the number of samples.",
+    ),
     smoothness: float = typer.Option(
         1e-4,
         min=0,
-        help="Weight of differences between adjacent grid nodes in the iterative solution, relative to the pixels.",
+        help="Weight of differences between adjacent grid nodes in the iterative solution, relative to the weight of "
+        "the pixels.",
     ),
     iterations: int = typer.Option(400, min=1, help="Largest number of iterations."),
     page: PageOption = 0,

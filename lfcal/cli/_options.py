@@ -68,7 +68,7 @@ MatOrderOption: TypeAlias = Annotated[
     typer.Option(
         "--mat-order",
         autocompletion=_mat_orders,
-        help="Order of the axes of H in a .mat file that does not state it: rows-first, H(t,s,y,x,z), or "
+        help="Order of the axes of H in a .mat file that does not state the order: rows-first, H(t,s,y,x,z), or "
         "columns-first, "
         "H(s,t,x,y,z). Default: inferred from its variables.",
     ),

@@ -376,7 +376,7 @@ class ReconstructSeries(Reconstruct):
     watch: Path | None = opt(
         None,
         "Result of lfcal watch for these frames with this H: its folder, or watch.json. Drift and alarm of each "
-        "frame are stored with its volume.",
+        "frame are stored with the volume of the frame.",
         label="Check of H",
         file="in",
         empty="volumes do not state whether H was still valid",
@@ -384,7 +384,7 @@ class ReconstructSeries(Reconstruct):
     )
     recalibrated: bool = opt(
         False,
-        "From the first frame with a drift on, use the H that lfcal watch --recalibrate computed.",
+        "Use the recalibrated H of lfcal watch for the first frame with a drift and all later frames.",
         label="Use the recalibrated H",
         more=True,
     )
@@ -449,7 +449,7 @@ class _ReconstructUncertain(_ReconstructTo):
 
     fit: Path | None = opt(
         None,
-        "Folder of the fit (lfcal fit) from which H was computed. The uncertainty of its camera is included.",
+        "Folder of the fit (lfcal fit) from which H was computed. The uncertainty of the fitted camera is included.",
         label="Fit of the camera",
         file="in",
         empty="H has no errors apart from its recorded noise",
@@ -511,8 +511,8 @@ class ReconstructBars(_ReconstructUncertain):
     )
     crop: bool = opt(
         False,
-        "Estimate the uncertainty only within one cutout of the regions. This is faster if they cover a small part of "
-        "the frame. The volume is still that of the whole frame.",
+        "Estimate the uncertainty only up to one cutout away from the regions. This is faster if the regions cover a "
+        "small part of the frame. The volume is still that of the whole frame.",
         label="Only around the regions",
     )
     bootstrap: BootstrapSettings = panel(BootstrapSettings(), "Replicates")

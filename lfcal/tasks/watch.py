@@ -99,8 +99,8 @@ class Watch(Task):
     )
     recalibrate: bool = opt(
         False,
-        "If H is no longer valid, recalibrate the camera on the first frames that show it, as lfcal fit frames does. "
-        "The camera and its H are written to the folder recalibrated in the output folder.",
+        "If H is no longer valid, recalibrate the camera on the first frames that show the drift, as lfcal fit frames "
+        "does. The camera and its H are written to the folder recalibrated in the output folder.",
         label="Recalibrate after a drift",
     )
     windows: int | None = windows_field("in which the frames are compared with H")

@@ -157,7 +157,8 @@ class RecordPictures(QWidget):
             key: LinePlot("position in scan order", words.lower(), counted=True) for key, words in CURVES.items()
         }
         tips = (
-            "Light of each position above the background. It should be constant except for the pattern of the optics",
+            "Light of each position above the background. It should be constant, except for the variation that the "
+            "optics cause",
             "Lateral difference between measured and target position, in image pixels. Below 0.1 px is good",
             "Saturated pixels in each cutout. There should be none",
         )
