@@ -67,7 +67,7 @@ def parallel_write(
     checksums: NDArray[np.uint32] | None = None,
     workers: int | None = None,
 ) -> int:
-    """Write depth plane ``z`` of an H dataset, compressing in threads; return the bytes stored.
+    """Write depth plane ``z`` of an H dataset, compressing in threads; return the number of bytes stored.
 
     Datasets that `chunk_pipeline` does not handle are written through HDF5. In addition to the plane, at most a few
     batches of half a megabyte per worker are in memory.

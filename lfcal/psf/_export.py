@@ -179,7 +179,7 @@ def _write_tiff(
 
 
 class _Writer(NamedTuple):
-    """How a format is written, and the options it uses."""
+    """Function that writes a format, and names of the options that the format uses."""
 
     write: Callable[[PSFMatrix, str | os.PathLike[str], ExportOptions, RunChoice | None], Work[Path]]
     uses: frozenset[str]

@@ -193,7 +193,7 @@ _shear_4, _shear_8, _shear_12, _shear_16 = (_shear(height) for height in (4, 8, 
 
 
 class Batches(NamedTuple):
-    """How a transposition is cut into batches of cutout rows t."""
+    """Division of a transposition into batches of cutout rows t."""
 
     shape: Shape  # (nz, ny, nx, nt, ns)
     rows: NDArray[np.int64]  # where the columns x of a source row start; see `source_rows`

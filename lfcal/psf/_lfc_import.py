@@ -33,8 +33,8 @@ def open_lfc(path: Path) -> PSFMatrix:
     """Open the PSFs of a napari-LF calibration as an H in float32, whose planes are computed when they are read.
 
     The period of H is a lenslet of ``nv`` x ``nu`` pixels. All pixels of a voxel have the same pattern, so the image of
-    a volume is that of the volume summed over each voxel. The order of depths is reversed: napari-LF counts them
-    towards the objective.
+    a volume is that of the volume summed over each voxel. The sign of the depths is reversed:
+    napari-LF counts them towards the objective.
 
     Raises
     ------

@@ -201,14 +201,17 @@ def mat_written(matrix: PSFMatrix, options: MatOptions) -> PSFMatrix:
 
 
 def mat_plane(written: PSFMatrix, options: MatOptions, name: str, z: int) -> tuple[NDArray[Any], tuple[int, int]]:
-    """Return plane ``z`` of ``H`` or ``Ht`` in its order in the file, and its `crop_index`; see `mat_written`."""
+    """Return plane ``z`` of ``H`` or ``Ht`` in the axis order of the file, and its `crop_index`, (0, 0) for ``Ht``.
+
+    ``written`` is the result of `mat_written`.
+    """
     plane = (written if name == "H" else written.T).plane(z)
     crop = crop_index(depth_sum(plane)) if name == "H" else (0, 0)
     return plane.transpose(1, 0, 3, 2) if options.rows_first else plane, crop
 
 
 def create_mat_data(file: Any, name: str, matrix: PSFMatrix, options: MatOptions, planes: int | None = None) -> Any:
-    """Make the dataset of ``H`` or ``Ht``, or of some ``planes`` of it that are stored in the same way."""
+    """Make the dataset of ``H`` or ``Ht``, or one of ``planes`` planes that are stored in the same way."""
     # HDF5's row-major (z, y, x, t, s) is MATLAB's column-major (s, t, x, y, z), so no axes need to be moved
     shape = (planes or len(matrix), *matrix.shape[1:])
     if options.rows_first:

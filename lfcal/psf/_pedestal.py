@@ -16,7 +16,7 @@ LIMIT = 0.02
 """Largest fraction of a plane's light that may be a constant pedestal."""
 
 SAMPLED = 8
-"""Frames of a plane that are examined."""
+"""Smallest number of frames of a plane that are examined; all if there are fewer."""
 
 CERTAIN = 4.0
 """Number of standard errors above which a level counts as different from zero."""
@@ -28,7 +28,7 @@ It is higher than `CERTAIN`, as noise alone makes one of the blocks darker than 
 """
 
 BLOCKS = 8
-"""Blocks along each axis into which cutouts are divided to find their darkest part."""
+"""Number of blocks along each axis into which cutouts are divided to find their darkest part."""
 
 
 def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float, bool]:
@@ -65,7 +65,7 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
 def _level(around: NDArray[np.float64]) -> tuple[float, float]:
     """Return the level of samples, few of which are lit, and its standard error.
 
-    It is their mean near the median, which itself is a whole number.
+    The level is the mean of the samples near the median. The median itself is a whole number.
     """
     middle = float(np.median(around))
     away = np.abs(around - middle)
@@ -93,7 +93,8 @@ def _darkest_block(mean: NDArray[np.float64]) -> float:
 def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, subtracted: bool = False) -> None:
     """Raise `InputError` if a constant level exceeds the fraction ``limit`` of a plane's light.
 
-    It may be too high or too low, if a level was already ``subtracted``.
+    The level is negative if too much was subtracted. If a level was already ``subtracted``, a positive one is an error
+    only if it was measured outside the light of the point.
     """
     by_plane: list[list[int]] = [[] for _ in range(planes)]
     for index, info in enumerate(gatherer.infos):

@@ -36,13 +36,13 @@ class Record:
 
 
 class _Type:
-    """A numpy dtype: plain numbers of a size, in an order of bytes."""
+    """A numpy dtype of plain numbers: their kind, size and byte order."""
 
     def __init__(self, code: Any = "", *_: Any) -> None:
         self._code, self._order = code, ""
 
     def __setstate__(self, state: Any) -> None:
-        """Keep the order of bytes."""
+        """Keep the byte order."""
         order = state[1] if isinstance(state, tuple) and len(state) > 1 else ""
         self._order = order if order in ("<", ">") else ""
 

@@ -57,7 +57,7 @@ class PlacedPlanes:
     cutout
         Pixels ``(nt, ns)`` of the new patterns, odd.
     windows
-        Window of each plane. None: the whole plane.
+        Window of each plane. None: whole patterns.
     swapped
         Whether rows and columns of positions and of pixels are exchanged: base is then ``(nz, nx, ny, ns, nt)``, as
         are its windows.

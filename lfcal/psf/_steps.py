@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 MOST = 65535
-"""Largest number of steps of a stored value."""
+"""Largest number of steps over the values of a pattern; rounding the step to few digits may double their number."""
 
 CUT = 0.1
 """Fraction of the tolerance spent on light outside the window, if that saves rows or columns."""

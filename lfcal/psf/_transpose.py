@@ -299,7 +299,7 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
 
 
 def border_energy(H: Any) -> float:
-    """Return the fraction of the energy of H that lies within (nx-1)/2 or (ny-1)/2 pixels of the cutout's edge.
+    """Return the fraction of the energy of H that lies within ny // 2 rows or nx // 2 columns of the cutout's edge.
 
     Energy is the sum of absolute values over all positions and depths. Other codes lose part of this border when they
     transpose, as does ``method="paper"``; the exact method does not.

@@ -32,7 +32,7 @@ def reduced(
     again: Callable[[], M] | None,
     transposed: bool,
 ) -> tuple[Callable[..., M], tuple[Any, ...]]:
-    """Return the pickle state of a matrix for another process.
+    """Return the function and the arguments with which pickle restores a matrix in another process.
 
     Parameters
     ----------

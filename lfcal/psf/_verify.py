@@ -189,7 +189,7 @@ verify = drained(
 
 
 class _Stored(NamedTuple):
-    """What files since version 2 state about planes: checksums, sums over all positions, stored form of values."""
+    """Data on planes in files since version 2: checksums, sums over all positions, and scaling of the stored values."""
 
     checksum: NDArray[np.uint32]
     depth_sum: NDArray[np.float64]
@@ -199,7 +199,7 @@ class _Stored(NamedTuple):
 
     @classmethod
     def of(cls, file: H5File, prefix: str, data: H5Data) -> _Stored:
-        """Read the dataset."""
+        """Read the data on the planes of the dataset ``data``, whose group has the path ``prefix``."""
         planes = data.shape[0]
         checksum = file.values(f"{prefix}checksum", (planes,), kinds="u")
         sums = file.values(f"{prefix}depth_sum", (planes, *data.shape[3:]))
