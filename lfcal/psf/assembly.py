@@ -53,7 +53,7 @@ FRAME_FACTS = ("codec", "origin")
 """Metadata of a frame source that H stores besides the number of frames."""
 
 SAMPLED = 24
-"""Number of frames from which an automatic cutout is found."""
+"""Smallest number of frames from which an automatic cutout is found; all if there are fewer."""
 
 QUICK_S = 2e-3
 """Processor time of a frame (s) below which more threads do not make an assembly faster."""

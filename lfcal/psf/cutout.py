@@ -39,7 +39,7 @@ _MARGIN = {"nearest": 0, "linear": 1, "cubic": 12, "fourier": 0}
 """Number of pixels around the window that an interpolation uses; a cubic spline's influence is 1e-6 after 11."""
 
 PROBE, WIDE_PROBE = (21, 21), (201, 201)
-"""Side of the cutout on which the weights of an interpolation are computed, for moving and scaling (pixels)."""
+"""Shapes of the cutouts on which the weights of an interpolation are computed, for moving and scaling (pixels)."""
 
 
 class Window(NamedTuple):
@@ -399,7 +399,7 @@ class Gatherer:
 
 @lru_cache(maxsize=512)
 def _weights_of(cutout: Cutout, row: float, column: float) -> tuple[float, float]:
-    """Return the sum and the sum of squares of the weights with which a small ``cutout`` is moved by this shift."""
+    """Return the sums of weights and of squared weights of a small ``cutout`` moved by ``row``, ``column`` (px)."""
     window = Window(0, 0, row, column)
     rows, columns = cutout.region(window)
     point = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.float32)
@@ -464,7 +464,7 @@ def _mean(cuts: list[Samples]) -> Pattern:
 
 
 def _weights(cuts: list[Samples]) -> NDArray[np.float64]:
-    """Return the inverse variance of a typical sample of each cutout, or 1 for all if it is not known for all."""
+    """Return the inverse variance of a typical sample of each cutout, relative to the largest; 1 if any is unknown."""
     variances = []
     for cut in cuts:
         if cut.noise is None:

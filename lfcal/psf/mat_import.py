@@ -99,7 +99,7 @@ def _check_version(path: Path) -> None:
 
 
 class _Reader:
-    """One MATLAB file: the program that wrote it, and what this means for its H."""
+    """Reader of the H of one MATLAB file, according to the program that wrote the file."""
 
     def __init__(self, file: H5File, stated: str = "") -> None:
         self._file = file
@@ -266,7 +266,7 @@ class _Reader:
         return int(stated[0]), int(stated[1])
 
     def _windows(self, nz: int, nt: int, ns: int) -> list[Window] | None:
-        """Return the pixels of each plane that count, None where all do."""
+        """Return the window of pixels that is used in each plane; None if all pixels are used."""
         if self._order:  # files of lfcal state the cutout; CAindex excludes only zeros
             whole: Window = (slice(0, nt), slice(0, ns))
             return [whole] * nz if self._cutout((nt, ns)) not in (None, (nt, ns)) else None
@@ -313,7 +313,7 @@ class _Reader:
         return values
 
     def _lens(self, shape: tuple[int, ...]) -> dict[str, Any]:
-        """Return where the file puts the centre of a lens, ``(row, column)`` from 0."""
+        """Return the entry ``lens_centre`` of the provenance, ``[row, column]`` from 0; no entry if it is unknown."""
         stated = self._pair("lensCentre")
         if stated is not None:
             return {"lens_centre": [v - 1 for v in stated]}

@@ -32,7 +32,7 @@ FEW_BLOCKS, BLOCKS = 4, 16
 """Smallest and largest number of blocks of neighbouring positions that are examined."""
 
 PER_BLOCK = 250
-"""Frames of a scan for each block, so that measuring reads a tenth of the frames again, or 100 of them."""
+"""Number of frames of a scan for each block, so that measuring reads about a tenth of them again, at least 100."""
 
 PAIRS = 32
 """Largest number of pairs of repeated frames that are compared."""
@@ -311,9 +311,10 @@ def _likely(samples: _Samples, floor: float | None, count: int) -> tuple[F8, F8]
     """Return ``count`` terms of a variance that is a polynomial of the light, and their standard errors.
 
     Each squared difference has the variance as its mean, so brightness may differ from sample to sample. Weights and
-    moments are taken by the light of the pixels around, whose noise is not the sample's (instrumental variable). By
-    that of the sample, noise that lowers it would raise its weight: a tenth to a third too much floor in faint light.
-    Squares beyond 9 variances count as 9: signal that the differences did not cancel.
+    moments are taken by the light of the pixels around, whose noise is not the sample's (instrumental variable). If
+    they were taken by the light of the sample itself, noise that lowers it would raise its weight, and the floor in
+    faint light would be a tenth to a third too high. Squares above 9 variances count as 9 variances, because they
+    contain signal that the differences did not cancel.
     """
     from scipy.optimize import nnls
 
@@ -341,7 +342,7 @@ def _likely(samples: _Samples, floor: float | None, count: int) -> tuple[F8, F8]
 
 
 def _smooth(samples: _Samples) -> NDArray[np.intp]:
-    """Return the samples whose signal is smoothest among those of like brightness."""
+    """Return the indices of the samples whose signal is smoothest among those of similar brightness."""
     order = np.argsort(-samples.around, kind="stable")
     parts = np.array_split(order, max(1, len(order) // ALIKE))
     rough = [samples.roughness[part] for part in parts]

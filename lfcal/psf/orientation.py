@@ -210,7 +210,7 @@ def _fits(path: SpotPath, expected: NDArray[np.float64], frame: tuple[int, int])
 def _residual(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
     """Return the rms distance of a path from the expected one, with offset and step free, of the frames that agree.
 
-    The same for all if there are too few frames to decide.
+    The result is `FLOOR_PX` if there are too few frames to decide.
     """
     if len(seen) < FEW:
         return FLOOR_PX
@@ -233,7 +233,7 @@ def _by_place(
     frame: tuple[int, int],
     sensor: tuple[int, int],
 ) -> tuple[str, str]:
-    """Return the orientation, of those with the same motion, whose path is where planned; or why there is none."""
+    """Return the one of ``alike`` whose path is where planned, and the reason why there is none; one is empty."""
     # frames whose shape fits the sensor are never turned by 90 degrees
     shaped = [one for one in alike if ORIENTATIONS[one].shape(frame) == sensor] or alike
     away = sorted((math.hypot(*fits[name].offset_px), name) for name in shaped)
@@ -255,7 +255,7 @@ def _cause(
     *,
     slack: float,
 ) -> tuple[str, str]:
-    """Return whether frames or scan differ from the plan, and the reason if this is undetermined, or empty."""
+    """Return the cause as in `FoundOrientation`, and the reason why it is undetermined; empty if it is determined."""
     by_frames, by_scan = ORIENTATIONS[name].shape(frame) == sensor, frame == sensor
     turned = f"their shape, {format_pixels(frame)}, is that of frames turned by 90 degrees"
     if name == AS_IS:

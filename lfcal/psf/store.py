@@ -601,7 +601,7 @@ def _rounded(pattern: NDArray[Any], step: float) -> NDArray[np.float32]:
 
 
 def _add_rounded_by_numpy(pattern: NDArray[Any], step: float, total: NDArray[np.float64]) -> tuple[float, float]:
-    """Do the same as `add_rounded` with NumPy, without compiling it."""
+    """Compute the results of `add_rounded` with NumPy, without compilation."""
     values = np.rint(pattern * np.float64(1 / step)) * step
     total += values
     return float(np.abs(pattern - values).sum()), float(np.abs(pattern).sum(dtype=np.float64))

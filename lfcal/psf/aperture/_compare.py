@@ -30,10 +30,10 @@ BLADES = range(4, 16)
 """Blade counts that are distinguished; 3 is not, because a tilted lens's trefoil looks the same."""
 
 RAYS: Values = np.linspace(0.0, 2 * math.pi, 360, endpoint=False)
-"""Number of directions in which outlines are computed."""
+"""Directions in which outlines are computed, from +column towards +row (rad)."""
 
 LEADING = 3
-"""Numbers of blade counts that are refined with a stuck blade, and tried with a second rim."""
+"""Number of blade counts that are tried with a second rim, and of starts for a stuck blade from each count."""
 
 ENOUGH = 0.05
 """Decrease of chi-square below which the iteration ends."""
@@ -146,7 +146,7 @@ def stuck_blades(edge: Edge, regular: list[OutlineFit], cut: list[OutlineFit]) -
 
 
 def _linear_starts(edge: Edge, iris: OutlineFit) -> list[tuple[float, _Family, Values]]:
-    """Return for each blade the chi-square that moving it should leave, by the slopes, and the parameters there."""
+    """Return the `LEADING` best starts of a displaced blade: chi-square expected from slopes, family, parameters."""
     regular, found = _Family(iris.blades), []
     low, high, step = regular.bounds(edge.radius)
     p = np.clip(iris.parameters, low, high)

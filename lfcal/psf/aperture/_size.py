@@ -40,9 +40,10 @@ CLEAR = 3.0
 
 
 def measured_area(patch: LitPatch, edge: Edge, area: float) -> tuple[float, float]:
-    """Return the area inside an outline and its standard error (pixels squared), NaN if there is no lit level.
+    """Return the area inside an outline and its standard error (pixels squared).
 
-    Where noise hides the additional light, the result is ``area``, the area of the outline fitted to the edge.
+    Where noise hides the additional light, the result is ``area``, the area of the outline fitted to the edge. Without
+    a lit level, the result is ``area`` with the error NaN.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ class Disturbance:
     blur_px
         Gaussian blur, standard deviation (pixels).
     ripple, ripple_pitch_px
-        Amplitude and pitch of the residual lenslet lattice (pixels).
+        Amplitude of the ripple that the lenslet lattice leaves, and its pitch (pixels).
     pattern
         Pattern of the ripple, with random phases. ``"square"``: two crossed waves along rows and columns.
         ``"hexagonal"``: three waves at 60 degrees in a random rotation. ``"random"``: many waves of about this pitch in
