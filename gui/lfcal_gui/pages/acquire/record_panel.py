@@ -171,7 +171,7 @@ class RecordPanel(QWidget):
     def map(self) -> PeriodMap:
         """The map, which is created when there is content for it."""
         made = PeriodMap()
-        made.setToolTip("Positions of one period in this plane; empty: not recorded")
+        made.setToolTip("Positions of one period in this plane; grey: not recorded")
         made.pointed = False
         made.graphics.setMinimumSize(LEAST_MAP, LEAST_MAP)
         made.setFixedHeight(MAP)

@@ -56,10 +56,10 @@ COSTS = (
     "covered, of all planes. Both are given for all frames and for the first half of them"
 )
 PLAN, STOP = "Search for the fewest frames that cover all phases", "Stop searching without creating a plan"
-SAVE = "Save the position of the target in each frame (.json). Record it in Record > Rig, with Target …"
+SAVE = "Save the positions of the target in all frames as a plan (.json). To record it, choose the file in Record > Rig"
 PLANES = (
-    "Frames of each plane and the smallest number it needs; points in each frame; fraction "
-    "of the phases that are covered; crosstalk of neighbouring points"
+    "Number of frames of each plane, and the number if every frame showed the most points; points "
+    "in each frame; fraction of the phases that are covered; crosstalk of neighbouring points"
 )
 NUMBERS = re.compile(r"\d+\.\d+")
 READY_WORDS = "There is no plan yet.\nPress Plan target to search for the fewest frames that cover all phases."
@@ -178,7 +178,7 @@ class TargetDialog(QDialog):
         self.map = PeriodMap()
         self.map.pointed = False
         self.map.setToolTip(
-            "Number of frames that show each position. Crossed out: none within the tolerance. Click "
+            "Number of frames that show each position. Grey: none within the tolerance. Click "
             "a position to read its number"
         )
         self.map.setAccessibleName("Number of frames at each position")
