@@ -27,7 +27,7 @@ TOLERANCE = 0.1
 """Tolerance of the simulated patterns, whose noise does not need a better one."""
 
 POSITIONS = (5, 3, 2)
-"""Largest number of positions along each axis of the period that are simulated."""
+"""Numbers of positions simulated along each axis of the period; the largest that is fast enough is used."""
 
 LONGEST_S = 6.0
 """CPU-seconds above which fewer positions are simulated."""

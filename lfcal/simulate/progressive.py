@@ -33,7 +33,10 @@ from lfcal.work import PASS, Journal, RunChoice, discard, parts_folder, read_not
 __all__ = ["Pass", "iter_refine_psf", "passes_for"]
 
 STEPS = (10.0, 10 / 3)
-"""Tolerances of the passes between rays and the last one, in units of the last; each costs three times as much."""
+"""Tolerances of the passes between rays and the last one, in units of the last.
+
+Each pass costs three times as much as the one before.
+"""
 
 COARSEST = 0.35
 """Tolerance above which a pass by waves is no better than rays."""
@@ -210,7 +213,7 @@ class _PassPlanes(PlaneSource):
 
 @dataclass(frozen=True)
 class _PassUnits:
-    """How the passes over one H are done in units.
+    """Division of the passes over one H into units.
 
     Units of a pass are next to the file until the file contains the pass. The run's journal states which pass the file
     contains, so that a resumed run begins with the next pass.

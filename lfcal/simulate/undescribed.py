@@ -17,7 +17,7 @@ NAMED = 3
 """Largest number of effects that the sentence names."""
 
 BEAD_FRAMES = 3
-"""Frames of a point source for each depth: the fewest that `lfcal plan fit` chooses."""
+"""Number of frames of a point source for each depth: the fewest that `lfcal plan fit` chooses."""
 
 SEEN = 0.5
 """Smallest ratio of an effect's error at a depth to its largest one with which frames at that depth determine it."""
@@ -180,7 +180,7 @@ def undescribed_effects(selection: EffectSelection, camera: Camera) -> Undescrib
 
 
 def _fewest_planes(rows: Sequence[PlannedEffect]) -> list[int]:
-    """Return a few planes of which one shows each effect: each time the one that shows most of the others."""
+    """Return a few planes that together show all effects; each shows the most of the effects not shown before."""
     planes: list[int] = []
     left = list(rows)
     while left:

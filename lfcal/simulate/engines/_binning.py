@@ -15,7 +15,7 @@ __all__ = ["bin_light", "bin_light_by_numpy"]
 def bin_light_by_numpy(
     field: NDArray[Any], weights: NDArray[Any], per: int, top: int, left: int, out: NDArray[Any]
 ) -> None:
-    """Compute the same as `bin_light` with NumPy, without compiled code."""
+    """Compute the results of `bin_light` with NumPy, without compiled code."""
     part = field[top:, left:]
     power = part.real * part.real + part.imag * part.imag
     (rows, columns), taps = out.shape, range(weights.size)

@@ -112,7 +112,7 @@ def _sections(scene: Scene, count: int) -> tuple[F8, F8]:
 
 
 def pupil_phase(scene: Scene, theta: F8) -> C16:
-    """Return the phase at ``theta``, 0 on the axis; its imaginary part is an attenuation.
+    """Return the phase (rad) at the angles ``theta`` (rad), 0 on the axis; its imaginary part is an attenuation.
 
     d n2 cos t2 - D n1 cos t minus its value on the axis is z n2 (cos t2 - 1) + D (n2 cos t2 - n1 cos t - n2 + n1).
     With q = n1 sin t, the bracket is q^2 (n2 - n1) (1 + (n2 + n1)/(n2 cos t2 + n1 cos t)) / ((n1 + n1 cos t)(n2 + n2

@@ -26,19 +26,19 @@ SPOT = np.dtype(
 """The light of one lenslet for one source position.
 
 position
-    Which of the sources.
+    Index of the source.
 row, col
-    The field table's sample nearest to the lenslet's centre.
+    Sample of the field table nearest to the lenslet's centre.
 top, left
-    The window's first row and column in the cutout (pixels); may lie outside.
+    First row and column of the window in the cutout (pixels); they may lie outside.
 x0, y0
-    That sample from the lenslet's centre (µm).
+    Position of this sample relative to the lenslet's centre (µm).
 ox, oy
-    The window's middle from the phase's centre, c - (B'/a') (c - X0) (µm).
+    Middle of the window relative to the phase's centre, c - (B'/a') (c - X0) (µm).
 mx, my
-    The window's middle from the source's image X0 (µm).
+    Middle of the window relative to the source's image X0 (µm).
 lx, ly
-    The lenslet from the source's image, c - X0 (µm).
+    Position of the lenslet relative to the source's image, c - X0 (µm).
 energy_in, energy_out
     Energy that the lenslet passes, and energy that its window receives; `lfcal.simulate.engines._kernels.respond`
     sets both.

@@ -17,7 +17,9 @@ Complex = NDArray[np.complex128]
 def sensor_propagator(
     f: NDArray[np.float64], wavelength: float, gap: float, exact: bool, glass: tuple[float, float] = (0.0, 1.0)
 ) -> tuple[Complex, bool]:
-    """Return the transfer function over the distance ``gap``, and whether it is separable.
+    """Return the transfer function over a distance ``gap`` at the frequencies ``f`` (n,), and whether it is separable.
+
+    A separable function is that of one axis (n,), otherwise it is that of both axes (n, n).
 
     ``glass`` is thickness and index of a plate; the gap is the equivalent one in air, with the same Fresnel integral.
 

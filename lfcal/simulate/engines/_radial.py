@@ -23,7 +23,7 @@ SMALL = 0.02
 
 
 def bessel(order: int, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the Bessel function J_order(x) for order 0, 1 or 2 and x >= 0, five times faster than for any order."""
+    """Return the Bessel function J_order(x) for order 0, 1 or 2 and x >= 0, five times faster than `scipy` does."""
     if order < 2:
         plain: NDArray[np.float64] = (j0, j1)[order](x)
         return plain

@@ -27,7 +27,7 @@ def add_tails(spots: Any, lacking: NDArray[np.float64], pattern: F4, beyond: int
     pattern
         ``(m, m)`` pixels about the spot, 0 inside its window: fractions of the light outside it.
     beyond
-        Distance by which it begins before the window (pixels).
+        Distance by which the pattern extends beyond the window on each side (pixels).
     image
         Cutouts ``(positions, rows, columns)``; changed.
     """

@@ -53,7 +53,7 @@ class WavePlane:
     scene, sampling
         The scene to compute, and the sampling.
     mode
-        ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.engines.field`).
+        Mode of propagation as in `lfcal.simulate.engines.field.FieldTable`. None: that of `choose_mode`.
     """
 
     level = "wave"
@@ -189,7 +189,7 @@ class WavePlane:
             square_fields(*target[1:], rule.weights.astype(self._dtype), rule.per_px, target.image)
 
     def _target(self, image: Array, count: int) -> LightTarget:
-        """Return the patch that receives the light for ``image``: empty node grids and boxes of ``count`` positions."""
+        """Return the target of the light for ``image``, with empty node grids and boxes of ``count`` positions."""
         nt, ns = (self.tables.rule.count(n) for n in self.scene.cutout)
         boxes = np.tile(np.array([1 << 30, -(1 << 30)] * 2, np.int64), (count, 1))
         return LightTarget(image, np.zeros((count, nt, ns), self._dtype), np.zeros((count, nt, ns), self._dtype), boxes)

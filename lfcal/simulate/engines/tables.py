@@ -38,8 +38,8 @@ __all__ = [
 ]
 
 TAIL, NEAREST, FARTHEST = 8, 20, 64
-"""Smallest and largest distance beyond the window's margin over which tails are followed (pixels). About a tenth of the
-tail is farther away."""
+"""Ratio to the window's margin of the distance over which tails are followed beyond the window, and the smallest and
+largest distance (pixels). About a tenth of the tail is farther away."""
 
 ARC_SIDES = 96
 """Number of sides of the circle with equal area that represents a disc clipped by its cell (error 5e-4 radii)."""

@@ -259,7 +259,7 @@ class SimulatedCamera(Frames):
     # -- workings ----------------------------------------------------------------------------------------
     @cached_property
     def _displacements(self) -> NDArray[np.float64]:
-        """True minus commanded positions ``(n, 3)`` in scan order."""
+        """True minus commanded positions (z, y, x) ``(n, 3)`` in scan order (µm)."""
         commanded = self.plan.object_um(self._order)[:, ::-1]
         out = np.zeros(commanded.shape)
         for number, effect in enumerate(e for e in self.effects if isinstance(e, MotionEffect)):
@@ -274,7 +274,7 @@ class SimulatedCamera(Frames):
 
     @cached_property
     def _rate(self) -> float:
-        """Electrons per unit of H and second: the brightest of some positions is to reach the peak."""
+        """Electrons per unit of H and second, at which the brightest of some positions reaches the peak."""
         ny, nx = self.plan.period
         ys, xs = (np.unique(np.linspace(0, n - 1, PROBES).round().astype(np.intp)) for n in (ny, nx))
         brightest = 0.0

@@ -28,7 +28,7 @@ ROWS_CACHED = 4
 """Number of rows of responses that are kept in memory."""
 
 Window = tuple[int, int, NDArray[np.float32]]
-"""Row and column of its middle on the sensor, and its light."""
+"""Window of light: row and column of its middle pixel on the sensor, and its values."""
 
 
 class Responses:
