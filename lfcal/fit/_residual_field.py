@@ -66,7 +66,7 @@ class Moving:
     velocity
         Motion in the cutout (pixels) when the source moves by one position.
     positions, pixels
-        Correlation lengths h and w.
+        Correlation lengths h (source positions) and w (pixels).
     """
 
     velocity: float
@@ -299,7 +299,7 @@ def _not_negative(matrix: F8, gradient: F8) -> F8:
 
 
 def _deviation(x: F8, noise: F8) -> float:
-    """Return the standard deviation of a fraction of ``x`` for pure noise, whose squares have the variance 2 V²."""
+    """Return the standard deviation of the factor of ``x`` fitted to squares of pure noise, of variance 2 V² each."""
     total = float((x * x / noise).sum())
     return math.sqrt(2.0 * float((x * x).sum())) / total if total > 0 else math.inf
 
@@ -350,7 +350,7 @@ NEAR = Moving(0.0, 1.0, 0.5)
 """Correlation of the part of the spots' residuals that hardly extends from one position to the next."""
 
 NEAR_SHARES = (0.3, 0.6)
-"""Fractions of the variance tried for it; with one correlation length, the field would be too smooth or too rough."""
+"""Fractions of the spots' variance tried for `NEAR`; with one length, the field would be too smooth or too rough."""
 
 LIT = 0.02
 """Fraction of the plane's brightest pixel above which a pixel is lit."""

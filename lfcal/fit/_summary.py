@@ -139,7 +139,10 @@ def iter_degeneracies(problem: Problem, point: Point, columns: Columns, groups: 
 def _iter_with(
     problem: Problem, point: Point, columns: Columns, vector: Vector, keep: NDArray[np.bool_], held: Sequence[int]
 ) -> Work[tuple[Problem, Point, Columns]]:
-    """Return the patterns ``keep`` with the additional unknowns ``held`` of ``vector`` at their fixed values."""
+    """Return problem, point and derivatives of the patterns ``keep``, with the unknowns of ``vector``.
+
+    Its additional unknowns ``held`` have their fixed values.
+    """
     part = Problem(problem.measured.of(keep), vector, problem.workers)
     levels = replace(point.levels, lamps=point.levels.lamps[keep])
     local = replace(point.local, offsets_px=point.local.offsets_px[keep])
@@ -151,7 +154,7 @@ def _iter_with(
 
 
 def _sampled(problem: Problem) -> NDArray[np.bool_]:
-    """Return some of the fitted patterns: a quarter of each region, at least three, at most eight in total."""
+    """Return a mask of some fitted patterns: a quarter of each region, at least three, at most eight in total."""
     measured, keep = problem.measured, np.zeros(len(problem.measured), np.bool_)
     parts = [(plan, own[problem.fitted[own]]) for plan, own, _ in measured.parts()]
     for plan, own in parts:
@@ -235,8 +238,8 @@ LEAST_COMPONENT = 0.3
 def unidentified(unknowns: Sequence[Unknown], data: F8) -> tuple[str, ...]:
     """Return the combinations of unknowns that the data alone do not determine, the least certain first.
 
-    They are the small singular values of ``data`` ``(k, k)``, the matrix of the data in scales, with everything else
-    eliminated.
+    They are the eigenvectors with small eigenvalues of ``data`` ``(k, k)``, the matrix of the data in scales, with
+    everything else eliminated.
     """
     values, vectors = np.linalg.eigh(data)
     found = []

@@ -124,7 +124,7 @@ class Weighed:
         return found
 
     def of(self, keep: NDArray[np.bool_]) -> Weighed:
-        """Return a subset of the patterns."""
+        """Return the patterns that the mask ``keep`` ``(n,)`` selects."""
         return replace(
             self, **{name: getattr(self, name)[keep] for name in ("residual", "inverse", "robust", "bright")}
         )

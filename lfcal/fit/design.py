@@ -105,7 +105,7 @@ def _eliminated(matrices: F8) -> F8:
 
 
 def _inverse(matrices: F8) -> F8:
-    """Return the inverses of positive matrices ``(n, k, k)`` whose unknowns differ in scale."""
+    """Return the inverses of positive definite matrices ``(n, k, k)`` whose unknowns differ in scale."""
     size = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
     both = size[:, :, None] * size[:, None, :]
     found: F8 = np.linalg.inv(matrices / both) / both
