@@ -379,11 +379,11 @@ class _Laid:
 
 
 TURN_RAD, GROWTH, ASIDE_UM = 5e-4, 2e-3, 1.0
-"""Uncertainties of the rotation from a single region, of the pitch, and of the displacement from a single region."""
+"""Uncertainties of rotation (rad) and displacement (µm) from a single region, and of the pitch (relative; second)."""
 
 
 def _changes(seen: Sequence[_Laid], place: F8, setup: Setup) -> dict[str, float]:
-    """Return the rotation, scale and displacement of the array at ``place`` (x, y), from regions already fitted."""
+    """Return the changes of offset, rotation and pitch at ``place`` (x, y), by name, from regions already fitted."""
     rows, wanted = [[0.0, 0.0, 0.0, 1 / GROWTH]], [0.0]
     for one in seen:
         x, y = one.place / ASIDE_UM

@@ -392,7 +392,7 @@ def _finished(
     stage: str | float,
     record_round: RoundRecorder,
 ) -> Work[Finished]:
-    """Return the best point at fine sampling, with the final groups and the outliers left out."""
+    """Return the result as in `iter_retrieved`: the best point at the finest sampling, without the outliers."""
     vector = problem.vector
     point = problem.point(point.u, point.local, Fineness.fine, lamps=point.levels.lamps)
     every = vector.of_groups([*groups, *candidates]).tolist()

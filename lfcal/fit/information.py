@@ -24,7 +24,7 @@ __all__ = ["Expected", "Information", "iter_information"]
 F8 = NDArray[np.float64]
 
 AT_ONCE = 200e6
-"""Bytes of derivatives that are kept in memory at a time."""
+"""Largest size of the derivatives that are kept in memory at a time (bytes)."""
 
 PRIOR_SIGMA = 10.0
 """Prior standard deviation of every unknown, in scales, so that covariances are finite without patterns."""

@@ -30,7 +30,7 @@ def _optics(setup: Setup, **values: Any) -> Setup:
 
 
 def _law_held(setup: Setup) -> str:
-    """Return the lens law that relates the f-number to the size of the iris, as text."""
+    """Return the lens law that relates the f-number to the size of the iris, as text; empty without exact angles."""
     if setup.effect(ExactAngles) is None:
         return ""
     own = setup.effect(LensLaw)
