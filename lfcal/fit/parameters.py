@@ -95,7 +95,7 @@ class Unknown:
         Whether the square of the value is fitted. This is better for values on whose square the patterns depend, such
         as widths that add in quadrature.
     gauge
-        Description of what must be fixed to make the unknown unique; may be empty.
+        Description of what is fixed to make the unknown unique; may be empty.
 
     Examples
     --------
