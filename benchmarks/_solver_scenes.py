@@ -31,7 +31,7 @@ PEAK, BACKGROUND = 200.0, 5.0
 COARSE, FINE = 0.2, 0.1
 """Tolerance of the H that solvers use, and of the H that makes the images."""
 
-BESIDE = 0.4
+OFF_GRID = 0.4
 """Displacement of the emitting voxels from the reconstructed ones (px); the cutouts of the patterns do not move."""
 
 DOTS = 14
@@ -136,7 +136,7 @@ def subject_of(name: str, side: int = 0) -> Subject:
 
     apart = setup.depths[1] - setup.depths[0]
     between = tuple(z + part * apart for z in setup.depths for part in (-0.25, 0.25))
-    return Subject(name, simulated(setup.depths, COARSE, 0.0), simulated(between, FINE, BESIDE), side or setup.side)
+    return Subject(name, simulated(setup.depths, COARSE, 0.0), simulated(between, FINE, OFF_GRID), side or setup.side)
 
 
 def _places(planes: F8, side: int, beside: float) -> Place:
@@ -191,7 +191,7 @@ def problem_of(subject: Subject, scene: str, seed: int = 0) -> Problem:
     middle = (planes - 1) / 2
     between = np.repeat(np.arange(planes) - middle, 2) + np.tile([-0.25, 0.25], planes)
     P = Projector(subject.fine, (side, side), dtype=np.float64)
-    clean = np.maximum(P.forward(light(_places(between, side, BESIDE), planes, side)), 0)
+    clean = np.maximum(P.forward(light(_places(between, side, OFF_GRID), planes, side)), 0)
     truth = light(_places(between, side, 0.0), planes, side).reshape(planes, 2, side, side).sum(1)
     scale = PEAK / clean.max()
     image = np.random.default_rng(seed).poisson(clean * scale + BACKGROUND).astype(np.float64)

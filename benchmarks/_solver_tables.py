@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks._solver_scenes import BACKGROUND, BESIDE, COARSE, FINE, PEAK
+from benchmarks._solver_scenes import BACKGROUND, COARSE, FINE, OFF_GRID, PEAK
 from benchmarks._solver_trials import TIE, UNITS, Trial
 from lfcal.base.figures import LINES, figure, save_figure
 from lfcal.reconstruct.solvers.choice import SolverChoice
@@ -73,7 +73,7 @@ def markdown(trials: Sequence[Trial], command: str, chart: str = "") -> str:
         "",
         f"The noise is photon noise: {PEAK:g} photons in the brightest pixel over a background of {BACKGROUND:g}. The",
         "light comes from twice as many planes as are reconstructed, all of them different, and from voxels",
-        f"displaced by {BESIDE:g} pixels. H for these positions is simulated with a tolerance of {100 * FINE:g} %,",
+        f"displaced by {OFF_GRID:g} pixels. H for these positions is simulated with a tolerance of {100 * FINE:g} %,",
         f"and H for the reconstruction with {100 * COARSE:g} %. `bench` and `r29-like` have no plane near the native",
         "plane.",
         "",

@@ -39,7 +39,7 @@ class Tried:
     ----------
     camera, fault, strength, unit
         Camera, and the fault that was added.
-    true, told
+    true, reported
         True and reported cost (NRMSE); None: no cost was reported.
     rank
         Rank among all named faults, from 1; 0: not named.
@@ -54,7 +54,7 @@ class Tried:
     strength: float
     unit: str
     true: float
-    told: float | None
+    reported: float | None
     rank: int
     found: tuple[str, ...]
     seconds: float
@@ -62,7 +62,7 @@ class Tried:
     @property
     def within(self) -> bool | None:
         """Whether the cost is correct within a factor of 2; None if none was reported or the true cost is small."""
-        return None if self.told is None or self.true < COSTLY else self.true / 2 <= self.told <= 2 * self.true
+        return None if self.reported is None or self.true < COSTLY else self.true / 2 <= self.reported <= 2 * self.true
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ def command(
     Example: `python -m benchmarks faults --cameras bench --strengths 3 --keep faults.jsonl`
     """
     if clean:
-        _tell_alarms(alarms(patterns, quiet=json), json)
+        _print_alarms(alarms(patterns, quiet=json), json)
         return
     from benchmarks._fault_list import FAULTS
     from benchmarks._fault_recordings import CAMERAS, Recording
@@ -131,7 +131,7 @@ def command(
                         _add(keep, before, patterns)
                 found.append(before)
                 if not json:
-                    _tell(before)
+                    _print(before)
     _report(found, json)
 
 
@@ -171,11 +171,11 @@ def tried(camera: str, recording: Recording, truth: TrueCost, fault: Injected, s
     took = time.perf_counter() - start
     ranked = _ranked(inspection)
     rank = next((k for k, (name, _) in enumerate(ranked, 1) if name in fault.named), 0)
-    told = ranked[rank - 1][1] if rank else None
+    reported = ranked[rank - 1][1] if rank else None
     names = tuple(f"{name} {'?' if cost is None else f'{cost:.3f}'}" for name, cost in ranked)
     if inspection.why_not:
         names = (*names, f"({inspection.why_not})")
-    return Tried(camera, fault.name, strength, fault.unit, truth.cost(values), told, rank, names, took)
+    return Tried(camera, fault.name, strength, fault.unit, truth.cost(values), reported, rank, names, took)
 
 
 def _inspected(recording: Recording, values: object, patterns: int) -> Inspection:
@@ -196,11 +196,11 @@ def _ranked(inspection: Inspection) -> list[tuple[str, float | None]]:
     return [(name, cost) for _, name, cost in sorted(found, key=lambda one: -one[0])]
 
 
-def _tell(one: Tried) -> None:
-    told = "-" if one.told is None else f"{one.told:.3f}"
+def _print(one: Tried) -> None:
+    reported = "-" if one.reported is None else f"{one.reported:.3f}"
     place = f"named {one.rank}" if one.rank else "NOT NAMED" if one.true > COSTLY else "not named"
     typer.echo(
-        f"{one.camera}, {one.fault} {one.strength:g} {one.unit}: true cost {one.true:.3f}, reported {told}, {place}"
+        f"{one.camera}, {one.fault} {one.strength:g} {one.unit}: true cost {one.true:.3f}, reported {reported}, {place}"
         f" [{'; '.join(one.found)}]"
     )
 
@@ -212,7 +212,7 @@ def _report(found: Sequence[Tried], json: bool) -> None:
     judged = [one.within for one in found if one.within is not None]
     if json:
         figures = {"dear": len(dear), "first_or_second": first, "costly": len(costly), "named": named}
-        print_json({"faults": found, **figures, "told": len(judged), "within_2": sum(judged)})
+        print_json({"faults": found, **figures, "reported": len(judged), "within_2": sum(judged)})
         return
     rows = []
     for camera in dict.fromkeys(one.camera for one in found):
@@ -258,7 +258,7 @@ def alarms(patterns: int, *, quiet: bool = True) -> list[Alarm]:
     return found
 
 
-def _tell_alarms(found: Sequence[Alarm], json: bool) -> None:
+def _print_alarms(found: Sequence[Alarm], json: bool) -> None:
     bad, fair = (sum(one.merit == merit for one in found) for merit in ("bad", "fair"))
     if json:
         print_json({"cameras": found, "bad": bad, "fair": fair})

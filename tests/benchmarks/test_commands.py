@@ -461,7 +461,7 @@ def test_a_fault_is_tried_with_its_costs(bench: Bench) -> None:
     found = bench.json("faults", *part)
     (one,) = found["faults"]
     assert one["fault"] == "offsets of columns" and one["strength"] == 15 and one["rank"] == 1
-    assert one["true"] / 2 < one["told"] < 2 * one["true"]
+    assert one["true"] / 2 < one["reported"] < 2 * one["true"]
     assert (found["dear"], found["first_or_second"], found["named"], found["within_2"]) == (1, 1, 1, 1)
 
 
@@ -472,7 +472,7 @@ def test_trials_of_faults_are_kept(bench: Bench, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(faults, "tried", lambda *_: next(answers))
     part = ("--cameras", "bench", "--faults", 1, "--strengths", "3", "--patterns", 24, "--keep", tmp_path / "kept")
     found = bench.json("faults", *part)
-    assert found["faults"][0]["told"] == 0.15 and found["first_or_second"] == 1
+    assert found["faults"][0]["reported"] == 0.15 and found["first_or_second"] == 1
     assert bench.json("faults", *part) == found, "nothing is done again"
     with (tmp_path / "kept").open("a") as more:
         more.write("none\n")

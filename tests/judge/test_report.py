@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import CheckFrame
@@ -119,6 +120,16 @@ def test_pictures_in_the_folder_are_those_of_the_page(folder: Path, page: Page) 
     files = {p.name: p.read_bytes() for p in folder.glob("*.png")}
     assert inside == set(files.values()) and all(data.startswith(b"\x89PNG") for data in files.values())
     assert {"depth_sums.png", "transposed_sum.png", "slices.png", "map_missing.png", "shifts.png"} <= files.keys()
+
+
+def test_curves_over_depth_name_the_depth_and_its_unit(
+    H: PSFMatrix, quality: QualityReport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = []
+    set_xlabel = Axes.set_xlabel
+    monkeypatch.setattr(Axes, "set_xlabel", lambda axes, text: named.append(text) or set_xlabel(axes, text))
+    over_depth = pictures(H, quality, None, None)[2]
+    assert over_depth().name == "over_depth.png" and named == 3 * ["depth z (mm)"]
 
 
 def test_every_metric_is_on_the_page_with_its_remedy(page: Page, quality: QualityReport) -> None:

@@ -212,10 +212,10 @@ def _over_depth(quality: QualityReport) -> ReportPicture:
         (quality.peak / np.where(quality.noise > 0, quality.noise, np.nan), "peak-to-noise ratio"),
     )
     with _sheet(3, 2.5) as sheet:
-        for (values, label), axes in zip(curves, sheet.grid(3, 3), strict=True):
+        for (values, name), axes in zip(curves, sheet.grid(3, 3), strict=True):
             axes.plot(depths, values, "o-", color=LINES[0], ms=4)
             axes.set_xlabel(label)
-            axes.set_ylabel(label)
+            axes.set_ylabel(name)
             axes.ticklabel_format(useOffset=False, axis="y", scilimits=(-3, 5))
             top = np.nanmax(values, initial=0.0)
             axes.set_ylim(0, 1.15 * top if top > 0 else 1)

@@ -220,7 +220,7 @@ def test_folded_fields_are_made_when_they_are_needed(qtbot: QtBot) -> None:
     assert box.currentText() == "slow" and box.isVisible() and box.property("changed") is True
     assert not form.editor("n2").isEnabled() and form.editor("n2").toolTip() == "measured"
     assert form.mark("n3").property("mark") == "assumed" and form.mark("n3").isVisible()
-    assert label.width() > 1.2 * form.editor("n0").width(), "a long text has a line of its own"
+    assert label.width() > 1.2 * form.editor("n0").width(), "a long text has a separate line"
     order = [form.head, *(form.editor(f"n{k}") for k in range(4)), form.mark("n3"), label, box]
     places = []
     widget = form.head
