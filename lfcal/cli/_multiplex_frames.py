@@ -111,7 +111,9 @@ def recover(
         help="Route for super-pixels: spatial, fourier, or both (the Fourier result goes to OUT_fourier.tif).",
     ),
     filter: str | None = typer.Option(
-        None, help="Filter if pixels have no weights, such as cubic (see `multiplex filters`); default linear."
+        None,
+        help="Interpolation filter, such as cubic (see `multiplex filters`); default: linear, the only filter for"
+        " pixels with weights.",
     ),
     camera: str | None = typer.Option(
         None, help="Preset or camera file whose noise and saturation give the weights of pixels."

@@ -47,7 +47,9 @@ def _needed_chi2(context: typer.Context, chi2: float | None, camera: str | None,
 
 def search(
     context: typer.Context,
-    what: str = typer.Argument("filters", help="What to search for: filters, or a mask of this size (px), such as 11."),
+    what: str = typer.Argument(
+        "filters", help="What to search for: the word filters, or the size of a mask in pixels, such as 11."
+    ),
     *,
     chi2: Chi2Option = None,
     camera: PresetOption = None,
@@ -117,7 +119,7 @@ def _show_found(found: Frontier, out: Path | None, *, json: bool, stopped: bool 
 def design(
     context: typer.Context,
     what: str = typer.Argument(
-        help="What to design: a super-pixel of filters, such as 2x2, or a mask of this size (px), such as 5."
+        help="What to design: a super-pixel of filters, such as 2x2, or the size of a mask in pixels, such as 5."
     ),
     *,
     chi2: Chi2Option = None,

@@ -136,9 +136,9 @@ def _part(camera: Camera, shape: tuple[int, ...], origin: tuple[int, int]) -> tu
     sensor, lattice = camera.sensor, camera.periodic
     if any(o < 0 or o + n > size for o, n, size in zip(origin, shape, sensor.shape, strict=True)):
         raise InputError.expected(
-            "origin of the white image (row, column)",
-            f"a position on the sensor of {sensor.shape[0]} x {sensor.shape[1]} px",
-            f"{origin[0]},{origin[1]} for {shape[0]} x {shape[1]} px",
+            "white image",
+            f"an image within the sensor of {sensor.shape[0]} x {sensor.shape[1]} px",
+            f"{shape[0]} x {shape[1]} px at the origin {origin[0]},{origin[1]}",
             "correct the origin (the row comes first), or the camera's sensor",
         )
     x, y = camera.sensor_um([o + (n - 1) / 2 for o, n in zip(origin, shape, strict=True)]).tolist()

@@ -68,7 +68,9 @@ class ColumnsTable(QTableWidget):
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self.verticalHeader().hide()
         self.setAccessibleName("Columns of the list")
-        self.setToolTip("If the content of a column is missing or wrong, choose it above the column")
+        self.setToolTip(
+            "First rows of the list. To correct what lfcal found in a column, choose its content and unit above it"
+        )
         self.boxes: list[tuple[QComboBox, QComboBox]] = []
         self.names: tuple[str, ...] = ()
         """Names of the columns."""

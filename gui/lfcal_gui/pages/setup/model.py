@@ -412,7 +412,7 @@ def _lattice(lattice: LensletLattice | PupilLenslets, name: str, value: Any) -> 
     if name == "focus":
         if far := [v for v in value if FARTHEST < abs(v) < math.inf]:
             raise InputError.expected(
-                "virtual depths in focus", "numbers up to 1e6, or inf", f"{far[0]:g}", "write inf for infinity"
+                "virtual depths in focus", "numbers from −1e6 to 1e6, or inf", f"{far[0]:g}", "write inf for infinity"
             )
         ranges = [t.depth_range for t in lattice.types] + [None] * 3
         types = tuple(LensType.focused_at(v, lattice.gap_um, r) for v, r in zip(value, ranges, strict=False))
