@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, StorageError, read_text, replace_whole, write_text
+from lfcal.base import InputError, note, read_text, replace_whole, write_text
 
 __all__ = ["Arrays", "Steps"]
 
@@ -21,7 +23,7 @@ KEY = "fit.json"
 
 
 class Steps:
-    """Steps of a fit in their order; the result of a finished step is read instead of computed again.
+    """Steps of a fit in their order; the result of a finished step is read from its file, unless that is damaged.
 
     Parameters
     ----------
@@ -40,7 +42,7 @@ class Steps:
     Raises
     ------
     InputError
-        If the folder contains the steps of another fit.
+        If the folder contains the steps of another fit, or if its list of settings is damaged.
     StorageError
         If the folder cannot be read or written.
     """
@@ -54,15 +56,19 @@ class Steps:
             folder.mkdir(parents=True, exist_ok=True)
             write_text(file, json.dumps({"key": key, "settings": self.settings}))
             return
-        known = json.loads(read_text(file))
-        if known["key"] != key:
+        try:
+            known = json.loads(read_text(file))
+            found = "those of another fit" if known["key"] != key else ""
+            self.settings = dict(known["settings"])
+        except (KeyError, TypeError, ValueError):
+            found = f"a damaged file {KEY}"
+        if found:
             raise InputError.expected(
                 f"{folder}, stored steps",
                 "those of a fit with the same frames and settings",
-                "those of another fit",
+                found,
                 "repeat the same command, or start again (--force)",
             )
-        self.settings = known["settings"]
 
     def result(self, make: Callable[[], Arrays]) -> Arrays:
         """Return the result of the next step, which ``make`` computes if it is not stored."""
@@ -72,10 +78,10 @@ class Steps:
         file = self._folder / f"step_{self._count:04d}.npz"
         if file.is_file():
             try:
-                with np.load(file, allow_pickle=False) as stored:
+                with file.open("rb") as data, np.load(data, allow_pickle=False) as stored:
                     return dict(stored)
-            except (OSError, ValueError) as error:
-                raise StorageError(f"{file}: cannot be read ({error}); delete it, and continue (--resume)") from None
+            except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+                note(f"{file}: cannot be read ({error}); this step is computed again")
         found: dict[str, Any] = dict(make())
         with replace_whole(file) as part, part.open("wb") as out:
             np.savez(out, **found)

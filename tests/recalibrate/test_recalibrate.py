@@ -247,6 +247,30 @@ def test_a_stopped_fit_continues_from_its_steps(monkeypatch: pytest.MonkeyPatch,
         recalibrate([replace(frame, values=frame.values + 1)], plan, steps=tmp_path / "steps", **settings)
 
 
+def test_damaged_steps_are_computed_again(tmp_path: Path) -> None:
+    values, made = {"a": np.arange(200.0)}, list[int]()
+
+    def make() -> dict[str, np.ndarray]:
+        made.append(1)
+        return values
+
+    def of_first_step() -> np.ndarray:
+        return Steps(tmp_path, "key", {"windows": [1]}).result(make)["a"]
+
+    assert np.array_equal(of_first_step(), of_first_step()) and len(made) == 1
+    file, notes = tmp_path / "step_0001.npz", list[str]()
+    whole = file.read_bytes()
+    for n, damaged in enumerate((b"", whole[:100], whole[: len(whole) // 2], b"PK" + whole[50:], b"text")):
+        file.write_bytes(damaged)
+        with notes_to(notes.append):
+            assert np.array_equal(of_first_step(), values["a"]), n
+        assert len(made) == n + 2 and "computed again" in notes[-1] and file.read_bytes() == whole
+    for text in ("", "{", "[]", "{}", '{"key": "key"}', '{"key": "key", "settings": 3}'):
+        (tmp_path / "fit.json").write_text(text)
+        with pytest.raises(InputError, match=r"got a damaged file fit\.json; repeat the same command, or start again"):
+            Steps(tmp_path, "key", {})
+
+
 def test_sigmas_include_the_error_of_the_grid_of_voxels(monkeypatch: pytest.MonkeyPatch) -> None:
     vector = Vector(described(PLAN), ScanScales.of(the_window(PLAN).plan), GROUPS)
     run, n = FIT._Run([], PLAN, vector, Steps(None, "", {}), 1), len(vector)
