@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, note
+from lfcal.base import Clock, FileFormatError, InputError, Work, note
 from lfcal.camera import ScanPlan
 from lfcal.fit.earlier import NAMES, Earlier, read_earlier
 from lfcal.fit.model import Fineness, ModelPlanes, open_model, predict
@@ -210,5 +210,8 @@ def _digest(folder: Path) -> str:
 
 
 def _is_current(out: Path, known: Mapping[str, Any]) -> bool:
-    with open_psf(out) as there:
-        return bool(there.provenance.get("deviations") == known)
+    try:
+        with open_psf(out) as there:
+            return bool(there.provenance.get("deviations") == known)
+    except FileFormatError:
+        return False  # damaged

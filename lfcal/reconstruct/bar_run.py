@@ -295,7 +295,7 @@ def _imaging(P: Projector, arguments: Mapping[str, Any], workers: int) -> Uncert
             (H,) = SharedOptics.of(arguments["optics"]).open(stack)
             return UncertainH.of(P, H, Path(arguments["changes"]), stack, workers), stack.pop_all()
 
-    key = (id(P), arguments["changes"], stamp_of([arguments["changes"]]))
+    key = (P, arguments["changes"], stamp_of([arguments["changes"]]))
     return _UNCERTAIN.get(key, opened)[0]
 
 
@@ -314,7 +314,7 @@ def _iter_runs(arguments: Mapping[str, Any], workers: int) -> Work[Replicates]:
     tool, box = tool_for(SharedOptics.of(arguments["optics"]), image.shape, settings), _box_of(arguments)
     P = tool.projector
     if box is not None:
-        P = _PARTS.get((id(P), box), lambda: tool.projector.part(slice(*box.rows), slice(*box.columns)))
+        P = _PARTS.get((P, box), lambda: tool.projector.part(slice(*box.rows), slice(*box.columns)))
     if not choice.solver.in_parts:
         yield from P.iter_prepare()
     weights = None if tool.view is None else tool.view.inside(image.shape)

@@ -82,7 +82,13 @@ def test_they_are_computed_once_and_alike_in_units(folder: Path) -> None:
         drain(iter_write_deviations(folder, H, run=RunChoice("threads", workers=1)))
         with open_psf(path) as file:
             np.testing.assert_array_equal(file[:], here)
-        # another fit in the same folder
+        # a damaged file, then another fit in the same folder
+        whole = path.read_bytes()
+        path.write_bytes(whole[: len(whole) // 2])
+        drain(iter_write_deviations(folder, H, workers=1))
+        with open_psf(path) as file:
+            np.testing.assert_array_equal(file[:], here)
+        made = path.stat().st_mtime_ns
         numbers = json.loads((folder / "fit.json").read_text())
         (folder / "fit.json").write_text(json.dumps(numbers | {"fitted": "later"}))
         drain(iter_write_deviations(folder, H, workers=1))
