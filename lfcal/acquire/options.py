@@ -64,8 +64,8 @@ class Options:
         Treatment of a frame whose content is still suspect after the frame was taken again: ``"stop"`` the session, or
         ``"flag"`` the position, to be recorded again later.
     allow_automatic
-        Whether to record even if the camera changes samples automatically, by automatic exposure, gain or black level,
-        or by a gamma curve.
+        Whether to record even if the camera changes pixel values automatically, by automatic exposure, gain or black
+        level, or by a gamma curve.
     suspend, steady_s
         Bounds of gauges as texts for `Bound.parse`, such as ``"temperature=20:22"``. The session is paused while a
         gauge is outside its bounds, and continues when all gauges have been within their bounds for ``steady_s`` (s).

@@ -253,7 +253,7 @@ def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
 
 
 def check_fixed(devices: Devices, options: Options) -> None:
-    """Raise `InputError` if the camera changes samples automatically, unless the options allow it."""
+    """Raise `InputError` if the camera changes pixel values automatically, unless the options allow it."""
     if devices.automatic and not options.allow_automatic:
         raise InputError.expected(
             f"settings of {devices.camera}",

@@ -79,8 +79,8 @@ class Devices:
     states how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is empty for
     real frames, and for sessions of older versions.
 
-    ``settings`` maps the names of the settings by which the camera may change samples to their values at the start.
-    ``automatic`` lists the settings with which samples are not proportional to light.
+    ``settings`` maps the names of the settings by which the camera may change pixel values to their values at the
+    start. ``automatic`` lists the settings with which samples are not proportional to light.
     """
 
     camera: str

@@ -112,7 +112,7 @@ def _show_features(made: FittedFeatures) -> None:
 
 
 def with_sigma(value: float, sigma: float) -> str:
-    """Return a value with its standard uncertainty, such as ``19.73 ± 0.02``; without it if it is NaN."""
+    """Return a value with its standard uncertainty, ``19.73 ± 0.02``; only the value if ``sigma`` is NaN or 0."""
     if not sigma > 0:
         return f"{value:.4g}"
     places = max(0, 1 - math.floor(math.log10(sigma)))

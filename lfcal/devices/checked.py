@@ -147,7 +147,7 @@ class CheckedCamera(_Checked[CameraDevice]):
         return found
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the requested and actual values of the settings by which the camera may change samples.
+        """Return the requested and actual values of the settings by which the camera may change pixel values.
 
         The result is empty if the driver does not report them.
         """

@@ -88,7 +88,10 @@ class _Plane:
         self._nearest[k] = -1.0
 
     def away_from(self, place: NDArray[np.intp]) -> None:
-        """Update the distances for a chosen ``place``, across the edges of the period and relative to lenslets."""
+        """Update the distance of each position from the nearest chosen one after ``place`` was chosen.
+
+        Distances are periodic in the period of the plan and, if there is one, in the unit cell; the smaller one counts.
+        """
         between = self._places - place
         apart = np.minimum(np.abs(between), self._size - np.abs(between))
         squares = (apart**2).sum(1) / self._size.prod()

@@ -75,8 +75,8 @@ class StoredFit:
     response
         Rms variation of the pixel response, relative to its mean.
     travel_rad
-        Tilt of the travel of the source in depth relative to the optical axis (rad): along y (towards higher rows),
-        then along x (towards higher columns).
+        Tilt of the direction in which the stage moves the source in depth, relative to the optical axis (rad): along y
+        (towards higher rows), then along x (towards higher columns).
     """
 
     folder: Path

@@ -107,8 +107,8 @@ def iter_elemental_depth(
     origin
         Sensor position (row, column) of the first pixel of the frame (px).
     white
-        White image of the same shape without its dark level, to correct the fall-off of light. None: the mean of every
-        elemental image is set to 1.
+        White image of the same shape without its dark level, to correct the fall-off of light. None: no correction.
+        In both cases, each elemental image is then scaled to a mean of 1.
     mask
         Boolean mask ``(rows, columns)``, true at pixels to leave out; None: all pixels are used.
     slopes
@@ -124,8 +124,8 @@ def iter_elemental_depth(
     Raises
     ------
     InputError
-        If the camera has no individual lenslets, the frame shows fewer than two of them, the shapes differ, or
-        ``slopes`` are not in order.
+        If the camera is not a Fourier light-field microscope, the frame contains the centres of fewer than two
+        elemental images, the shapes differ, or ``slopes`` are not in order.
 
     Examples
     --------

@@ -37,7 +37,7 @@ def pairs(options: tuple[str, ...]) -> dict[str, str]:
 
 
 def check_ready(plan: ScanPlan, rig: Rig, options: Options, *, resumed: bool, begun: bool) -> None:
-    """Raise an error if the camera changes samples automatically, or if dark frames need a light that can be switched.
+    """Raise an error if the camera changes pixel values automatically, or if dark frames need a switchable light.
 
     Settings that are allowed to stay automatic are reported. A ``resumed`` session is first compared with its stored
     camera settings, which gives the clearer message. A session that has ``begun`` already has its dark frames.

@@ -544,7 +544,7 @@ def test_an_unknown_gauge_is_refused_before_anything_is_made(tmp_path: Path) -> 
     assert not (tmp_path / "s").exists()
 
 
-# -- cameras that change samples automatically: refused, or recorded with a note -------------------------
+# -- cameras that change pixel values automatically: refused, or recorded with a note -------------------------
 ONE = small_plan(planes=1)
 ALLOWED = replace(CAREFUL, allow_automatic=True, on_suspect="flag")
 REFUSED = r"of simulated camera: expected frames proportional to light, got GainAuto = Continuous, Gamma = 2\.2; switch"

@@ -1,4 +1,4 @@
-"""Settings by which a camera changes samples: switched off, read back, and reported, under the names of each driver."""
+"""Settings by which a camera changes pixel values: switched off, read back, reported under the names of each driver."""
 
 from __future__ import annotations
 

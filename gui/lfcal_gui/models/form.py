@@ -199,7 +199,7 @@ def _field(row: FieldRow) -> Field:
 
 
 def shown_of(record: type, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of all fields of a form: ``values`` by field name, and the defaults of the others."""
+    """Return what a form displays in each field, by field name: the entry in ``values``, or else the default."""
     return {row.name: _shown(row, values.get(row.name, row.default)) for row in rows(record)}
 
 

@@ -27,7 +27,7 @@ class PageState(Enum):
 
 @dataclass(frozen=True)
 class WindowPlace:
-    """One of the four places of the window, in the order of the work; its pages are views of it.
+    """One of the four places in the rail of the main window; each of its pages is displayed as a view of the place.
 
     Attributes
     ----------

@@ -198,7 +198,7 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, self._exposure, started if self._triggered else None, text)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the values read back for the settings that change samples."""
+        """Return required (None: only recorded) and current values of the settings that change pixel values."""
         try:
             return read_settings(GENICAM, RECORDED, self._read)
         except AravisError as error:

@@ -170,7 +170,7 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, exposure, started if self._triggered else None, status)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the values read back for the features that change samples."""
+        """Return required (None: only recorded) and current values of the features that change pixel values."""
         return read_settings(GENICAM, RECORDED, self._read)
 
     def close(self) -> None:

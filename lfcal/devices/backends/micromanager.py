@@ -287,7 +287,7 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, exposure, started)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the values read back for the properties that change samples."""
+        """Return required (None: only recorded) and current values of the properties that change pixel values."""
         return read_settings(self._off, self._noted, self._read)
 
     def close(self) -> None:
@@ -376,7 +376,7 @@ class _Shutter:
 
 
 def _settings_of(core: Any, label: str) -> tuple[dict[str, str], list[str]]:
-    """Return the properties of a camera that change samples, with their values for off, and those to record only."""
+    """Return the properties of a camera that change pixel values, with their values for off, and those only recorded."""
     wanted: dict[str, str] = {}
     noted = []
     for key in core.getDevicePropertyNames(label):

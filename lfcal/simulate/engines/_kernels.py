@@ -476,7 +476,8 @@ def respond(
 ) -> None:
     """Add one lenslet's response to the cutouts (incoherent) or node grids (coherent) of the listed positions.
 
-    ``spots`` come from `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours have the same position
-    between two samples and share the mask; their ``energy_in`` and ``energy_out`` are filled.
+    ``spots`` come from `lfcal.simulate.engines._lenslets.select`. They are sorted by the offset ``x0`` of the field
+    sample from the lenslet's centre, because consecutive spots with the same offset share a mask. Their ``energy_in``
+    and ``energy_out`` are set.
     """
     _respond(field, (aperture, zoom), optics, spots, target, _memory(zoom, field.re))

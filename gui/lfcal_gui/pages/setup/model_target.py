@@ -247,12 +247,14 @@ def _coding(made: TargetPlanned) -> str:
 
 
 def read_plan(path: str, settings: PlanSettings | None = None) -> ScanPlan | PlannedTarget:
-    """Return the plan of a scan or of a target in a file, forecast at the rates of ``settings``.
+    """Return the plan of a scan or of a target that is stored in a file.
+
+    A target plan is returned with its forecast, for the speed, frame rate and brightest pixel of ``settings``.
 
     Raises
     ------
     LfcalError
-        If the file contains none.
+        If the file contains no plan.
     """
     text = read_text(Path(path))
     if '"lfcal-target-plan"' not in text[:200]:
