@@ -143,9 +143,8 @@ def read_earlier(folder: str | os.PathLike[str]) -> Earlier:
     place = Path(folder)
     lacking = [name for name in NAMES if not (place / name).is_file()]
     if lacking:
-        raise InputError.expected(
-            str(place), "the folder of a fit", f"a folder without {lacking[0]}", "check the path, or run lfcal fit"
-        )
+        found = f"a folder without {lacking[0]}" if place.is_dir() else "a file" if place.exists() else "no such folder"
+        raise InputError.expected(str(place), "the folder of a fit", found, "check the path, or run lfcal fit")
     path = place / "fit.json"
     data: Any = parse_json(read_text(path), str(path))
     if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:

@@ -222,6 +222,10 @@ def folder_of(fit: Fit, place: Path) -> Path:
 def test_damaged_fits_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"the folder of a fit, got a folder without camera\.json"):
         read_earlier(tmp_path)
+    with pytest.raises(InputError, match="the folder of a fit, got no such folder"):
+        read_earlier(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="the folder of a fit, got a file"):
+        read_earlier(Path(__file__))
     place = folder_of(few_fit(), tmp_path / "fit")
     data = json.loads((place / "fit.json").read_text())
     for change, what in (

@@ -376,7 +376,7 @@ class _Shutter:
 
 
 def _settings_of(core: Any, label: str) -> tuple[dict[str, str], list[str]]:
-    """Return the properties of a camera that change pixel values, with their values for off, and those only recorded."""
+    """Return the properties of a camera that change pixel values, with their values for off, and those to record."""
     wanted: dict[str, str] = {}
     noted = []
     for key in core.getDevicePropertyNames(label):
