@@ -240,13 +240,13 @@ class Picture(QWidget):
     def set_overlays(self, *overlays: Overlay) -> None:
         """Set ``overlays`` that are drawn in addition to those of the picture."""
         self._later = overlays
-        self.graphics.viewport().update()
+        self._repaint()
 
     def set_note(self, words: str, colour: str = "") -> None:
         """Set a line below the readout that does not belong to the picture, such as a temporary status."""
         if (words, colour) != self._note:
             self._note = words, colour
-            self.graphics.viewport().update()
+            self._repaint()
 
     @property
     def note(self) -> tuple[str, str]:
@@ -257,14 +257,16 @@ class Picture(QWidget):
         """Draw the micro-image centres of ``camera`` over a frame whose first pixel is ``origin``. None: none."""
         self._camera, self._lattice_at = camera, origin
         self._find_lattice()
-        self.graphics.viewport().update()
+        self._repaint()
 
     def set_cross(self, row: float | None, column: float | None = None) -> None:
         """Mark a pixel of the displayed picture. None: none."""
         nowhere = row is None or column is None or self._wanted.values is None
         cross = None if nowhere else (row, column)
+        if cross == self._wanted.cross == self._shot.cross:
+            return
         self._wanted, self._shot = replace(self._wanted, cross=cross), replace(self._shot, cross=cross)
-        self.graphics.viewport().update()
+        self._repaint()
 
     def set_axes(self, across: str, down: str) -> None:
         """Name both axes, with their units."""
@@ -325,7 +327,7 @@ class Picture(QWidget):
     def _range_changed(self) -> None:
         if self._camera is not None or self._in_background:
             self._timer.start()
-        self.graphics.viewport().update()
+        self._repaint()
 
     def _redraw(self) -> None:
         self._find_lattice()
@@ -393,10 +395,14 @@ class Picture(QWidget):
         self.item.setRect(place)
         self._report_view()
 
+    def _repaint(self) -> None:
+        # not the viewport: it could be painted before the scene reports a changed image, and then once more
+        self.graphics.scene().update()
+
     def _report_view(self) -> None:
         """Report a new picture, and the value under the pointer even if it does not move."""
         self.blank.show_blank(self._shot.values is None)
-        self.graphics.viewport().update()
+        self._repaint()
         if self.legend is not None:
             self.legend.setToolTip(self.quantity)
             self.legend.update()
@@ -462,7 +468,7 @@ class Picture(QWidget):
             self._red = theme.red
             self._redraw()
         self.update()
-        self.graphics.viewport().update()
+        self._repaint()
 
     # -- pointer ---------------------------------------------------------------------------------------
     def pixel_at(self, place: QPointF) -> tuple[int, int] | None:

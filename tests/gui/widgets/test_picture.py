@@ -16,7 +16,7 @@ import pytest
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt
 from PySide6.QtGui import QImage, QPainter
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QSplitter, QWidget
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.jobs import Jobs
@@ -55,6 +55,35 @@ def screen(widget: QWidget) -> np.ndarray:
     image = widget.grab().toImage().convertToFormat(QImage.Format.Format_RGB888)
     rows = np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), image.bytesPerLine())
     return rows[:, : 3 * image.width()].reshape(image.height(), image.width(), 3).astype(int)
+
+
+def test_a_change_is_painted_once(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second of two pictures in a window was painted twice, and a mark that did not move once."""
+    window = QSplitter()
+    views = [Picture(parent=window), Picture(parent=window)]
+    shown(qtbot, window, (500, 260))
+    painted: list[int] = []
+    paint_over = Picture.paint_over
+
+    def counted(view: Picture, painter: QPainter) -> None:
+        painted.append(views.index(view))
+        paint_over(view, painter)
+
+    monkeypatch.setattr(Picture, "paint_over", counted)
+    for k in range(3):
+        qtbot.wait(50)
+        painted.clear()
+        for view in views:
+            view.set_shot(frame(k))
+            view.set_cross(1, 2)
+    qtbot.waitUntil(lambda: len(painted) >= 2, timeout=GUARD_MS)
+    qtbot.wait(50)
+    assert sorted(painted) == [0, 1]
+    views[0].set_cross(1, 2)
+    qtbot.wait(50)
+    assert sorted(painted) == [0, 1]
+    views[0].set_cross(1, 3)
+    qtbot.waitUntil(lambda: sorted(painted) == [0, 0, 1], timeout=GUARD_MS)
 
 
 # -- colours and legend ------------------------------------------------------------------------------------
