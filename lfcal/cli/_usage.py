@@ -70,7 +70,7 @@ def usage_line(error: Any, words: Sequence[str]) -> str:
         return said
     now = RENAMED.get((context.command_path, str(unknown)))
     if now is not None:
-        return f"{unknown}: not an option of {context.command_path}; use {now}"
+        return f"{unknown}: expected an option of {context.command_path}; use {now}"
     if missing and (meant := nearest_option(str(unknown), words, context.command.params)):
         said += f". Did you mean {meant}?"
     name = context.command_path.split()[-1]
