@@ -192,10 +192,10 @@ def test_errors_below_that_of_the_computation_are_named(lfcal: Lfcal) -> None:
 
 REFUSED = (
     ("plan camera.json --virtual-depths 2.2 --from fit", "use lfcal plan fit PLAN --count N --from"),
-    ("plan camera.json --for-fit 9", "--for-fit: not an option of lfcal plan; use lfcal plan fit PLAN --count N"),
-    ("plan fit plan.json --for-fit 9", "--for-fit: not an option of lfcal plan fit; use --count"),
-    ("plan fit plan.json --count 9 --list a.json", "--list: not an option of lfcal plan fit; use --out"),
-    ("plan fit plan.json --count 9 --beside 0", "--beside: not an option of lfcal plan fit; use --position-error"),
+    ("plan camera.json --for-fit 9", "--for-fit: expected an option of lfcal plan; use lfcal plan fit PLAN --count N"),
+    ("plan fit plan.json --for-fit 9", "--for-fit: expected an option of lfcal plan fit; use --count"),
+    ("plan fit plan.json --count 9 --list a.json", "--list: expected an option of lfcal plan fit; use --out"),
+    ("plan fit plan.json --count 9 --beside 0", "--beside: expected an option of lfcal plan fit; use --position-error"),
     ("plan fit plan.json", "Missing option '--count'"),
     ("plan fit plan.json --count 2", "positions to record: expected"),
     ("plan fit plan.json --count 9 --from nowhere", "the folder of a fit"),

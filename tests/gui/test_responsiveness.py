@@ -272,7 +272,7 @@ def test_pictures_and_frames_are_shown_and_timed(qapp: qt.QApplication) -> None:
     assert scrubbed["plane"] == "55 x 95 x 19²" and live["frame"] == "657 x 438 px"
     for found, key in ((scrubbed, "busy_ms"), (live, "busy_ms"), (live, "all_ms")):
         assert math.isfinite(found[key]) and found[key] > 0
-    assert "a picture" in WORDS["scrubbing"](scrubbed) and "a second" in WORDS["live_frames"](live)
+    assert "per picture" in WORDS["scrubbing"](scrubbed) and "per second" in WORDS["live_frames"](live)
     assert set(WORDS) == set(MEASURED)
 
 
