@@ -22,6 +22,7 @@ PICTURES = {
     "multiplex": ("sample.multiplex", "multiplex"),
     "accuracy": ("sample.accuracy", "accuracy_simulation"),
     "depth": ("sample.depth", "depth"),
+    "watch": ("sample.watch", "watch"),
     "sessions": ("sample.sessions", "sessions"),
     "acquire": ("recording.recording", "acquire_record_paused"),
 }

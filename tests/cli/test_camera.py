@@ -377,7 +377,9 @@ def test_a_white_image_of_a_part_of_the_sensor(lfcal: Lfcal, tmp_path: Path) -> 
     tifffile.imwrite(part, tifffile.imread("white.tif")[17:, 40:230])
     words = ("camera", "check", "fitting.json", part, "-o", out)
     lfcal(*words).refused("sensor of the white image", "--origin ROW,COLUMN")
-    lfcal(*words, "--origin", "18,40").refused("a position on the sensor of 230 x 270 px, got 18,40 for 213 x 190 px")
+    lfcal(*words, "--origin", "18,40").refused(
+        "an image within the sensor of 230 x 270 px, got 213 x 190 px at the origin 18,40"
+    )
     lfcal(*words, "--origin", "17,40").ok()
     assert read(out).sensor.shape == SHAPE
     turned = lfcal(*words, "--origin", "17,40", "--orientation", "mirror-x", "--force")

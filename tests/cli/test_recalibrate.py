@@ -315,7 +315,7 @@ def read(lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Ne
     monkeypatch.setattr("lfcal.recalibrate.iter_recalibrate", stop)
 
     def run(*words: object) -> list[NewFrame]:
-        done = lfcal("fit", "frames", *words, *FAST, "--black-level", 100)
+        done = lfcal("fit", "frames", *words, *FAST, "--black-level", 100, "--force")
         assert "read" in done.err, done.err
         return seen
 

@@ -148,7 +148,9 @@ def problem(seed: int = 0, count: int = 12) -> tuple[VoxelPatterns, ObjectFrame,
     """Return a small problem with random patterns, derivatives and dark fields."""
     rng = np.random.default_rng(seed)
     places = np.stack([np.zeros(count, int), rng.integers(0, 8, count), rng.integers(0, 8, count)], axis=1)
-    patterns = VoxelPatterns(places, np.zeros((count, 2)), rng.random((count, 5, 5), np.float32), (12, 12), 1)
+    patterns = VoxelPatterns(
+        places, np.zeros((count, 2)), rng.random((count, 5, 5), np.float32), np.arange(count), (12, 12), 1
+    )
     volume = rng.uniform(50, 100, count).astype(np.float32)
     light = patterns.images(volume[None])[0]
     expected = light + np.float32(30)

@@ -85,7 +85,7 @@ def test_projections_are_compared(capsys):
     assert rows[0].mismatch < 1e-12
     assert all(r.error < 1e-5 and r.pair_s > 0 for r in rows)
     project.show(rows, "small")
-    assert "times lfcal's best" in capsys.readouterr().out
+    assert "÷ fastest of lfcal" in capsys.readouterr().out
 
 
 def test_errors_and_seconds_of_solvers_are_compared(tmp_path, capsys):
@@ -102,4 +102,4 @@ def test_errors_and_seconds_of_solvers_are_compared(tmp_path, capsys):
     reconstruct.draw(curves, tmp_path / "curves.png")
     assert (tmp_path / "curves.png").stat().st_size > 10_000
     reconstruct.show(curves, reference, "small")
-    assert "least NRMSE" in capsys.readouterr().out
+    assert "smallest NRMSE" in capsys.readouterr().out

@@ -19,7 +19,7 @@ from lfcal_gui.scenes.stage import Capture, Stage
 def sample(stage: Stage) -> Iterator[Capture]:
     """Yield the states of all pages with the sample session."""
     open_sample(stage)
-    for scene in (setup, frames, h, simulate, checks, fit, reconstruct, depth, multiplex, accuracy, sessions):
+    for scene in (setup, frames, h, simulate, checks, fit, reconstruct, depth, multiplex, accuracy, watch, sessions):
         yield from scene(stage)
 
 
@@ -139,6 +139,13 @@ def _date(report: Path, day: str) -> None:
     path = report / "quality.json"
     found = json.loads(path.read_text(encoding="utf-8"))
     path.write_text(json.dumps(found | {"inspected": f"{day}T10:00:00+00:00"}), encoding="utf-8")
+
+
+def watch(stage: Stage) -> Iterator[Capture]:
+    """Show the page that checks H with ordinary frames."""
+    stage.page("watch")
+    stage.settle()
+    yield Capture("watch")
 
 
 def sessions(stage: Stage) -> Iterator[Capture]:
