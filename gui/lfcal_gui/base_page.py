@@ -44,7 +44,8 @@ class EmptyState(QWidget):
         title, line, words = text.partition("\n")
         self.title = WrappedLabel(title.rstrip("."), role="title")
         self.label = WrappedLabel(words if line else text, role="hint")
-        self.title.setVisible(bool(line))
+        if not line:
+            self.title.hide()  # never shown here: without a parent, it would be a window that takes the focus
         for label in (self.title, self.label):
             label.setAlignment(Qt.AlignmentFlag.AlignCenter)
             layout.addWidget(label)

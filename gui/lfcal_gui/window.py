@@ -90,7 +90,6 @@ class MainWindow(QMainWindow):
     ) -> None:
         super().__init__()
         self.setObjectName("lfcal")
-        self.setAcceptDrops(True)
         self.settings = settings if settings is not None else QSettings(str(folder / "window.ini"), INI)
         self.project = project
         self.jobs = Jobs(self)
@@ -140,6 +139,7 @@ class MainWindow(QMainWindow):
 
     # -- building --------------------------------------------------------------------------------------
     def _build_centre(self) -> None:
+        self.setAcceptDrops(True)
         self.rail, self.stack, self.header, self.next_line = Rail(), QStackedWidget(), HeaderBar(), NextLine()
         self.header.lead.addWidget(self.next_line)
         below = QHBoxLayout()

@@ -37,7 +37,7 @@ def test_frames_are_checked_and_h_is_recalibrated(
     open_page: OpenPage, context: Context, place: Path, tmp_path: Path, qtbot: QtBot
 ) -> None:
     page = open_page("watch")
-    assert page.empty is not None and "has no H" in page.empty.label.text()
+    assert page.empty is not None and "Open an H with its camera" in page.empty.label.text()
     options = (("black_level", 100.0), ("noise", (9.0, 1.0)))
     context.project.update("open", psf=str(place / "H.h5"), settings=WatchSettings(options=options).into(context.state))
     panel = page.panel

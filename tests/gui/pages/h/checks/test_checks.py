@@ -348,7 +348,10 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     state, many = row.state.text(), sum(not metric.applies for metric in found.quality.metrics)
     assert row.name.text() == "Checks" and f"{many} not applicable" in state
     assert sum(int(part.split()[0]) for part in state.split(", ")) == len(listed) + many, "all rows are counted"
-    assert listed[missing].value == "1 frame" and ", bad (0 frames is good, more are rated by" in listed[missing].words
+    assert (
+        listed[missing].value == "1 frame"
+        and ", bad (0 frames is good; larger values are rated by" in listed[missing].words
+    )
     for cost, merit, rating in ((0.2, "bad", "bad"), (0.05, "fair", "fair"), (0.01, "fair", "repeat")):
         rated = tuple(replace(one, cost=cost) if one.key == "missing" else one for one in found.quality.metrics)
         others = replace(found, quality=replace(found.quality, metrics=rated))
