@@ -198,7 +198,7 @@ def test_targets_that_cannot_be_planned_end_in_a_line(lfcal: Lfcal, place: Path)
         lfcal(*PLAN, *words.split(), *(() if "-o" in words else ("-o", "out.json"))).refused(said)
         assert not (place / "out.json").exists(), words
     for option in ("--tolerance", "--crosstalk", "--pose", "--pose-within", "--most-frames"):
-        said = f"{option}: not an option of lfcal plan; use lfcal plan target PLAN SOURCE {option}"
+        said = f"{option}: expected an option of lfcal plan; use lfcal plan target PLAN SOURCE {option}"
         lfcal("plan", "camera.json", "--virtual-depths", "4", option, "1").refused(f"lfcal: {said}")
 
 

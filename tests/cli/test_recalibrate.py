@@ -194,12 +194,12 @@ def test_options_that_do_not_apply_end_in_one_line(lfcal: Lfcal, place: Path) ->
             (f"check H.h5 any.tif {option} x", f"No such option: {option}")
             for option in ("-o", "--unknowns", "--effect", "--camera", "--no-h", "--hybrid")
         ),
-        ("--check old.h5 same.tif", "--check: not an option of lfcal fit; use lfcal fit check OLD.h5 FRAMES"),
+        ("--check old.h5 same.tif", "--check: expected an option of lfcal fit; use lfcal fit check OLD.h5 FRAMES"),
         ("H.h5 --limit 3", "use lfcal fit check OLD.h5 FRAMES --limit 2%"),
         ("H.h5 --validate", "use lfcal fit SOURCE -o fit, then lfcal fit validate fit SOURCE"),
         ("H.h5 --validate-on b.h5", "then lfcal fit validate fit OTHER --other"),
         ("H.h5 --object a.tif --scene b.npy", "then lfcal fit object fit FRAME --scene VOLUME"),
-        ("H.h5 --effects a.json", "--effects: not an option of lfcal fit; use --effect"),
+        ("H.h5 --effects a.json", "--effects: expected an option of lfcal fit; use --effect"),
     ):
         lfcal("fit", *words.split()).refused(said)
         assert not (place / "fit").exists(), words
