@@ -157,7 +157,7 @@ def iter_write_deviations(
 ) -> Work[Path]:
     """Write the changes of ``H`` along the principal axes of the fit in ``folder`` to a file there; return its path.
 
-    A file from an earlier call for the same scan and fit is used again. A note is issued if the fit is incomplete.
+    An existing file for the same scan and fit is used again. A note is issued if the fit is incomplete.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information from single patterns about the unknowns, and the weights of the error to minimise.
+    """Information of single patterns about the unknowns, and weights of the error to minimise.
 
     Attributes
     ----------

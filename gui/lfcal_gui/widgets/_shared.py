@@ -36,5 +36,6 @@ from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
 from lfcal_gui.widgets.plots import LINES, LinePlot, line_px, shown_tone
 from lfcal_gui.widgets.rows_table import RowsTable
+from lfcal_gui.widgets.status_panel import StatusPanel
 from lfcal_gui.widgets.strip import PlaneTile, Strip, expected_apertures, legend_words, outline_tones
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, lines_px, set_look, set_role

@@ -18,7 +18,7 @@ from lfcal_gui.saving import ask_target, write_file, write_picture
 from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 
 ROWS = 64
-"""Number of rows of a picture that are written at once."""
+"""Number of rows of a picture that are written in one step."""
 
 PICTURES = "PNG (*.png);;SVG, lines stay lines (*.svg)"
 

@@ -15,7 +15,7 @@ from lfcal.camera import Camera
 from lfcal.tasks import Depth, DepthForecast, MeasuredDepth
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.jobs import WAITS, JobState, WindowJob
+from lfcal_gui.jobs import WAITS, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, described, is_image, said_in_window, shown_of
 from lfcal_gui.pages.depth import model
 from lfcal_gui.pages.depth.model import DepthSettings, Looked, Shade
@@ -248,20 +248,14 @@ class Page(BasePage):
         self._show_controls()
 
     def _job_changed(self, job: WindowJob) -> None:
-        if job.number != self._job or not job.active or job.progress is None:
-            return
-        record = job.progress
-        words = "stopping …" if job.stopping else f"{record.stage}: {record.done} of {record.total}"
-        self.panel.show_status(words, record.fraction, busy=True)
+        if job.number == self._job:
+            self.panel.show_progress(job)
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             return
         self._job = 0
-        if job.state is JobState.FAILED:
-            self.panel.show_status(said_in_window(job.error), bad=True)
-        else:
-            self.panel.show_status("" if job.state is JobState.DONE else "stopped")
+        self.panel.show_end(job)
         self._show_controls()
 
     def _measured(self, looked: Looked) -> None:

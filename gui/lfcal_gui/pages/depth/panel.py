@@ -7,10 +7,9 @@ from html import escape
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QSlider, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton, QSlider, QWidget
 
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import unbroken
 from lfcal_gui.pages.depth.model import BASIC, FIELDS, QUANTITIES, DepthSettings
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
@@ -18,6 +17,7 @@ from lfcal_gui.widgets import (
     ElidedLabel,
     FoldedForm,
     Picture,
+    StatusPanel,
     WrappedLabel,
     button,
     card,
@@ -57,7 +57,7 @@ USUAL = 50
 """Default confidence below which samples are grey (%)."""
 
 
-class DepthPanel(QWidget):
+class DepthPanel(StatusPanel):
     """The page's widgets."""
 
     pressed = Signal(str, arguments=["key"])
@@ -113,12 +113,8 @@ class DepthPanel(QWidget):
         column.addWidget(self.form)
         self._go = "measure"
         self.go = button("Measure", MEASURE, lambda: self.pressed.emit(self._go))
-        self.bar = QProgressBar(textVisible=False)
-        self.status = wrapped()
         column.addLayout(line(self.go))
-        column.addWidget(self.bar)
-        column.addWidget(self.status)
-        self.show_status("")
+        self.add_status(column)
         return frame
 
     def _showing(self) -> QWidget:
@@ -174,16 +170,6 @@ class DepthPanel(QWidget):
         """Show next to the title the forecast or measured duration."""
         self.took.setText(words)
         set_role(self.took, role)
-
-    def show_status(self, words: str, fraction: float | None = None, *, bad: bool = False, busy: bool = False) -> None:
-        """Show a text and, while ``busy``, the completed fraction (None: unknown)."""
-        set_role(self.status, "error" if bad else "hint")
-        self.status.setText(unbroken(words))
-        self.status.setVisible(bool(words))
-        self.bar.setVisible(busy)
-        self.bar.setRange(0, 0 if fraction is None else 1000)
-        if fraction is not None:
-            self.bar.setValue(round(1000 * fraction))
 
     def show_facts(self, facts: Sequence[tuple[str, str]], quantities: Sequence[str] = ()) -> None:
         """Show the results and the quantities that can be shown in colour; empty if there is no map."""

@@ -14,7 +14,7 @@ from lfcal.recalibrate import RECALIBRATED
 from lfcal.tasks import Watch, Watched
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.jobs import WAITS, JobState, WindowJob
+from lfcal_gui.jobs import WAITS, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, said_in_window, shown_of
 from lfcal_gui.pages.watch.model import WatchSettings, task_of
 from lfcal_gui.pages.watch.panel import WatchPanel
@@ -124,20 +124,12 @@ class Page(BasePage):
             self.panel.show_status("\n".join((fit.verdict, *fit.notes)), bad=not fit.accepted)
 
     def _job_changed(self, job: WindowJob) -> None:
-        if job.number != self._job or not job.active or job.progress is None:
-            return
-        record = job.progress
-        words = "stopping …" if job.stopping else f"{record.stage}: {record.done} of {record.total}"
-        self.panel.show_status(words, record.fraction, busy=True)
+        if job.number == self._job:
+            self.panel.show_progress(job)
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
             return
         self._job = 0
-        if job.state is JobState.FAILED:
-            self.panel.show_status(said_in_window(job.error), bad=True)
-        elif job.state is not JobState.DONE:
-            self.panel.show_status("stopped")
-        elif self.panel.bar.isVisibleTo(self.panel):
-            self.panel.show_status("")
+        self.panel.show_end(job)
         self._show()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QProgressBar, QWidget
+from PySide6.QtWidgets import QWidget
 
 from lfcal.recalibrate import DriftWatch
 from lfcal_gui.models import unbroken
@@ -12,13 +12,13 @@ from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     FoldedForm,
     RowsTable,
+    StatusPanel,
     WrappedLabel,
     button,
     card,
     column_area,
     line,
     row_of,
-    set_role,
     wrapped,
 )
 
@@ -33,7 +33,7 @@ RECALIBRATE = (
 NOTHING = "No frame has been checked yet."
 
 
-class WatchPanel(QWidget):
+class WatchPanel(StatusPanel):
     """The page's widgets."""
 
     pressed = Signal(str, arguments=["key"])
@@ -58,12 +58,8 @@ class WatchPanel(QWidget):
         column.addWidget(self.form)
         self._go = "check"
         self.go = button("Check frames", CHECK, lambda: self.pressed.emit(self._go))
-        self.bar = QProgressBar(textVisible=False)
-        self.status = wrapped()
         column.addLayout(line(self.go))
-        column.addWidget(self.bar)
-        column.addWidget(self.status)
-        self.show_status("")
+        self.add_status(column)
         return frame
 
     def _found_card(self) -> QWidget:
@@ -86,16 +82,6 @@ class WatchPanel(QWidget):
         self.go.setToolTip(STOP if running else CHECK)
         self.go.setEnabled(running or enabled)
         self.form.setEnabled(not running)
-
-    def show_status(self, words: str, fraction: float | None = None, *, bad: bool = False, busy: bool = False) -> None:
-        """Show a text and, while ``busy``, the completed fraction (None: unknown)."""
-        set_role(self.status, "error" if bad else "hint")
-        self.status.setText(unbroken(words))
-        self.status.setVisible(bool(words))
-        self.bar.setVisible(busy)
-        self.bar.setRange(0, 0 if fraction is None else 1000)
-        if fraction is not None:
-            self.bar.setValue(round(1000 * fraction))
 
     def show_found(self, found: DriftWatch | None) -> None:
         """Show the verdict and the frames; None: nothing has been checked."""
