@@ -141,7 +141,7 @@ class Elemental(Measured):
         return replace(self, **self._some(keep), pixels=self.pixels[keep], boxes=boxes)
 
     def predicted(self, setup: Setup, offsets_px: F8, sampling: Sampling) -> F4:
-        """Return the light ``(n, m)`` of a setup in the samples, with sources displaced by ``(n, 2)`` pixels."""
+        """Return the light ``(n, m)`` of a setup in the samples; ``offsets_px`` ``(n, 2)`` displaces the sources."""
         out = np.zeros((len(self), *self.sampled), np.float32)
         plan = setup.plan(self.plan)
         for z in np.unique(self.index[:, 0]).tolist():
@@ -266,7 +266,7 @@ def _airy_px(camera: Camera) -> float:
 
 
 def _half_px(camera: Camera, z_um: float) -> int:
-    """Return the half width of the elemental images of a plane."""
+    """Return the half width of the elemental images of a plane (pixels)."""
     lattice, optics = _lenslets(camera)
     bend = float(np.abs(1 - lattice.gap_um / lattice.focal_um).max()) + abs(lattice.spread(optics, z_um))
     return math.ceil(lattice.clear_um / 2 * bend / camera.sensor.pixel_um + AIRY * _airy_px(camera)) + SPARE_PX
@@ -306,7 +306,10 @@ def _lit(measured: Measured, k: int) -> F8:
 
 
 def _centroid(lit: F8, valid: NDArray[np.bool_], place: F8, reaches: Sequence[float]) -> tuple[F8, bool]:
-    """Return the centroid of the light near ``place``, within successively smaller discs of the radii ``reaches``."""
+    """Return the centroid of the light near ``place``, and whether enough of its pixels are valid.
+
+    The light is searched for within successively smaller discs of the radii ``reaches``.
+    """
     rows, columns = lit.shape
     for reach in [*reaches, reaches[-1]]:
         top, left = (max(0, math.floor(c - reach)) for c in place)
@@ -325,7 +328,7 @@ def _centroid(lit: F8, valid: NDArray[np.bool_], place: F8, reaches: Sequence[fl
 
 
 def _check_seen(measured: Measured, found: F8, seen: NDArray[np.bool_]) -> None:
-    """Raise `InputError` with the reason if elemental images were not found."""
+    """Raise `InputError` with the reason if fewer than two usable images of a lenslet were found."""
     for j, often in enumerate(seen.sum(0).tolist()):
         if often < 2:
             x, y = _lenslets(measured.plan.camera)[0].lens_centres_um[j]

@@ -126,7 +126,7 @@ class ResidualField:
         return found
 
     def covariance(self, values: F4) -> F4:
-        """Return K ``values``."""
+        """Return the product of the covariance K and ``values``."""
         ny, nx, nt, ns = self.shape
         out = np.zeros_like(values)
         for (rows, columns), amplitude in zip(self._smoothing, self.amplitudes, strict=True):
@@ -241,9 +241,9 @@ class PlaneResiduals:
 def amplitudes(model: F4) -> tuple[F4, F4]:
     """Return the relative amplitudes of the residuals of spots and of stray light, in proportion to the light nearby.
 
-    For spots, this is the mean of the light of a pixel and of its surroundings. Dim pixels next to bright ones have
-    larger errors than their own light suggests. For stray light, it is the mean of all positions, because it comes from
-    any lenslet.
+    For spots, this is the geometric mean of the light of a pixel and of its surroundings. Dim pixels next to bright
+    ones have larger errors than their own light suggests. For stray light, it is the mean of all positions, because it
+    comes from any lenslet.
     """
     from scipy.ndimage import gaussian_filter  # slow to import
 
@@ -428,7 +428,7 @@ def spot_velocity(model: F4, *, around: bool = True) -> float:
 
 
 def _correlation(values: F4, axis: int, step: int, shift: int, *, around: bool) -> float:
-    """Return the correlation of patterns with those ``step`` positions on, moved by ``shift`` pixels."""
+    """Return the correlation of patterns with those ``step`` positions farther, moved by ``shift`` pixels."""
     other = np.roll(values, (-step, -shift), (axis, axis + 2))
     inside = [slice(None)] * 4
     size = values.shape[axis + 2]

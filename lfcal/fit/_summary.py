@@ -62,7 +62,7 @@ class Degeneracies:
     Attributes
     ----------
     words
-        Description of each, the worst first.
+        Description of each degeneracy, the worst first.
     spread
         Covariance ``(k, k)`` due to errors of the fixed unknowns.
     shift
@@ -101,8 +101,8 @@ def degeneracies_of(
 ) -> Degeneracies:
     """Return degeneracies between the fitted unknowns ``which`` and those that were tried but not fitted.
 
-    The scan may show a change without determining which of the unknowns caused it. ``columns`` contains the
-    derivatives by all unknowns; each pattern represents ``times`` patterns; ``named`` is as in `degeneracies`.
+    The scan may show a change without determining which of the unknowns caused it. ``columns`` contains the derivatives
+    with respect to all unknowns; each pattern represents ``times`` patterns; ``named`` is as in `degeneracies`.
     """
     normal = problem.normal(columns, point, problem.fitted)
     normal = replace(normal, matrix=times * normal.matrix, gradient=times * normal.gradient)
@@ -141,7 +141,7 @@ def _iter_with(
 ) -> Work[tuple[Problem, Point, Columns]]:
     """Return problem, point and derivatives of the patterns ``keep``, with the unknowns of ``vector``.
 
-    Its additional unknowns ``held`` have their fixed values.
+    The additional unknowns ``held`` of ``vector`` have their fixed values.
     """
     part = Problem(problem.measured.of(keep), vector, problem.workers)
     levels = replace(point.levels, lamps=point.levels.lamps[keep])
@@ -175,11 +175,12 @@ def degeneracies(
 ) -> Degeneracies:
     """Return degeneracies between the fixed unknowns ``held`` and the fitted ones ``which``.
 
-    ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of data and priors in scales. The values of the
-    unknowns are in ``u``. ``named`` is the widening of a fitted unknown above which a fixed one is reported. One that
-    would widen it by `WIDENING_COUNTED` is included in its standard deviation, at its smallest plausible size. An
-    unknown that was tried without benefit is known as well as the patterns determine it. `assumed` unknowns are always
-    included.
+    ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of data and priors in scales. ``u`` contains the
+    values of the unknowns. ``named`` is the widening of a fitted unknown above which a fixed one is reported.
+
+    A fixed unknown is included in the standard deviation of the fitted ones if it widens one of them by more than
+    `WIDENING_COUNTED`, or if its group is `assumed`. It must be determined to within `LARGEST_SIGMA`. Its error is that
+    with which the patterns determine it.
     """
     assumed = {group.name for group in GROUPS if group.assumed}
     inner = data[np.ix_(which, which)]
@@ -265,7 +266,7 @@ def summarised(
     outliers: tuple[Outlier, ...],
     untried: Degeneracies | None = None,
 ) -> tuple[Fit, ...]:
-    """Return the result of the fit at a point for each region of the field; derivatives are those computed last.
+    """Return the result of the fit at a point for each region of the field; ``columns`` are the latest derivatives.
 
     ``untried`` lists unknowns that were not tried, but may explain the same changes.
     """

@@ -155,7 +155,8 @@ def variance(measured: Measured, light: F4, *, doubtful: bool, error: float) -> 
 def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error: float) -> PatternLevels:
     """Return gain and background of each plane that fit the patterns best, by weighted least squares.
 
-    ``model`` ``(n, m)`` are predictions with unit gain. Patterns that are held out do not count.
+    ``model`` ``(n, m)`` are predictions with unit gain. Held-out patterns are used only in planes without other
+    patterns.
     """
     data, valid = flat(measured)
     planes, nz = measured.level, measured.levels
@@ -188,7 +189,7 @@ def weighed(
 ) -> Weighed:
     """Return the residuals of predictions ``model`` ``(n, m)`` with unit gain.
 
-    ``inverse`` is 1/sigma if it is not that of the model, because two models are compared with the same noise.
+    ``inverse`` is 1/sigma of each sample, to compare two models with the same noise. None: computed from ``model``.
     """
     data, valid = flat(measured)
     planes = measured.level

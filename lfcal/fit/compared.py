@@ -24,7 +24,7 @@ ROUNDS = 8
 """Largest number of steps for the position of the source."""
 
 STEP_PX = 0.05
-"""Displacement of the source for derivatives (pixels)."""
+"""Step of the finite differences with respect to the displacement of the source (pixels)."""
 
 LIGHT = 3.0
 """Standard deviations by which a frame must differ from a uniform one."""
@@ -91,7 +91,7 @@ class Says(Protocol):
     noise: F8
     """Variance ``(nt, ns)`` of the prediction's own samples."""
     reach: tuple[float, float]
-    """Largest displacement from the position that can be predicted (dy, dx)."""
+    """Largest displacement (dy, dx) from the position that can be predicted (px)."""
 
     def at(self, offset: F8) -> F8:
         """Return the pattern ``(nt, ns)`` of a source displaced from the position by ``offset`` (dy, dx; px)."""
@@ -195,7 +195,7 @@ def _levels(data: F8, light: F8, good: NDArray[np.bool_], variance: F8) -> tuple
 
 
 def _step(residual: F8, gain: float, light: F8, steps: F8, good: NDArray[np.bool_], variance: F8) -> tuple[F8, F8]:
-    """Return the displacement of the source, fitted together with gain and background, and its standard deviation."""
+    """Return the step of the displacement (px), fitted with gain and background, and its standard deviation."""
     weight = 1.0 / np.sqrt(variance[good])
     a = np.stack([gain * steps[0][good], gain * steps[1][good], light[good], np.ones(int(good.sum()))]) * weight
     inverse = np.linalg.pinv(a @ a.T, rcond=1e-12, hermitian=True)

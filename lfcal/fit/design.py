@@ -31,7 +31,7 @@ __all__ = [
 F8 = NDArray[np.float64]
 
 PASSES = 4
-"""Largest number of rounds in which every position is exchanged with all others."""
+"""Largest number of rounds in which each chosen position may be exchanged for a better one."""
 
 
 class Chosen:
@@ -246,8 +246,8 @@ def iter_next_positions(
     """Return the positions to record next, chosen by their effect on the error of H.
 
     This is an I-optimal design. The squared relative error of H is trace(C M). C is the covariance of the unknowns from
-    the patterns. M sums the outer products of the derivatives of the model over all candidate positions, and is divided
-    by the summed squares of the model.
+    the patterns. M sums the outer products of the derivatives of the model with respect to the unknowns over all
+    candidate positions, and is divided by the summed squares of the model.
 
     Parameters
     ----------

@@ -81,7 +81,10 @@ def _ideal(vector: Vector, u: F8) -> Setup:
 
 
 def _change(vector: Vector, root: F8, plan: ScanPlan, index: NDArray[np.intp]) -> F8:
-    """Return the change of the patterns ``index`` ``(n, nt, ns)``, half that from ``-root`` to ``root``."""
+    """Return the change ``(n, nt, ns)`` of the patterns at positions ``index`` for the step ``root`` of unknowns.
+
+    It is half the difference between the patterns at ``root`` and at ``-root``.
+    """
     ends = []
     for sign in (-1, 1):
         light = predict(_ideal(vector, sign * root), plan, index, np.zeros((len(index), 2)), Fineness.coarse)
@@ -93,8 +96,8 @@ def _change(vector: Vector, root: F8, plan: ScanPlan, index: NDArray[np.intp]) -
 class DeviationPlanes(PlaneSource):
     """Changes of H along several axes: all planes for the first axis, then all for the second.
 
-    A plane of H contains as much light as that of the fit, because its gain was fitted to the recorded patterns.
-    Changes are hence those of patterns with the same light in each plane, as fractions of this light.
+    Each plane of H contains the recorded amount of light, because the gain of the plane was fitted to the recorded
+    patterns. The changes are therefore those at constant light in each plane, as fractions of this light.
 
     Parameters
     ----------
@@ -141,7 +144,7 @@ class DeviationPlanes(PlaneSource):
         return Reopening(f"{__name__}:{open_deviations.__name__}", {"pair": pair, "axis": axis})
 
     def named(self, out: Path) -> str:
-        """Return a description of the work."""
+        """Return the title of a run of units that writes ``out``, for messages."""
         return "uncertainty of H"
 
 

@@ -38,10 +38,10 @@ class FitResiduals:
         Mean Huber loss of the residuals of each pattern ``(n,)``, weighted by the light; the loss of a small residual
         is its square.
     by_plane
-        The same for each plane ``(nz,)``; NaN without a measurement.
+        Mean loss as in ``chi2``, for each plane ``(nz,)``; NaN without a measurement.
     by_type
-        The same for the pixels behind each lens type or, in a Fourier light-field microscope, behind each lenslet,
-        ``(types,)``.
+        Mean loss as in ``chi2``, for the pixels behind each lens type or, in a Fourier light-field microscope, behind
+        each lenslet, ``(types,)``.
     maps
         Mean square of the residuals over the patterns of each plane ``(nz, nt, ns)``; NaN without a measurement.
     type_name

@@ -69,7 +69,7 @@ class Regional(Measured):
     region: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
 
     def __post_init__(self) -> None:
-        """Check that everything belongs together."""
+        """Check that each pattern has one region, and all that `Measured` checks."""
         if self.region.shape != (len(self.index),):
             wanted = f"shape {(len(self.index),)}"
             raise InputError.expected(

@@ -26,7 +26,7 @@ OF_ALL = (
     *("camera", "verdict", "complete", "chi2", "left_out_error", "parameters", "correlations", "groups"),
     *("unhelpful", "held", "unidentified", "answers", "spread", "depths_um"),
 )
-"""Numbers of a region that are common to all regions."""
+"""Names of the results that are common to all regions."""
 
 
 class WrittenField(NamedTuple):

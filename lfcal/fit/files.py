@@ -121,7 +121,7 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
 
 
 def _header(fit: Fit, provenance: Mapping[str, Any] | None) -> Header:
-    """Return the description of an H file of the fitted camera; ``provenance`` is added to that of the fit."""
+    """Return the header of an H file of the fitted camera; ``provenance`` is added to that of the fit."""
     return replace(fit.header, camera=measured_camera(fit), provenance={**fit.provenance, **(provenance or {})})
 
 

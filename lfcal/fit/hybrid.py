@@ -102,10 +102,10 @@ PATTERNS_SAMPLED = 20
 """Number of patterns with which the effect of a displacement is measured."""
 
 NUISANCE_SHARE = 0.5
-"""Fraction of the model's error that lamp or displacements must cause to be removed."""
+"""Smallest effect of the lamp or of displacements, as a fraction of the model's error, that is removed."""
 
 STEP_PX = 0.05
-"""Step of a source's displacement (pixels)."""
+"""Step of the finite differences with respect to the displacement of a source (pixels)."""
 
 NEIGHBOURS = 6
 """Number of nearest recorded positions with which a position is compared."""
@@ -285,7 +285,7 @@ def _iter_remove_nuisance(fit: Fitted, data: PlaneResiduals, z: int, workers: in
 
 
 def _significant_nuisance(fit: Fitted, data: PlaneResiduals, places: NDArray[np.intp]) -> tuple[bool, bool]:
-    """Return whether lamp and stage change patterns more than errors of the model with the same effect do."""
+    """Return whether the lamp, and whether the stage, changes patterns by more than half the error of the model."""
     some = data.model[tuple(places[:: max(1, len(places) // PATTERNS_SAMPLED)].T)].astype(np.float64)
     slope = math.sqrt(sum(float(np.square(np.gradient(some, axis=axis)).sum()) for axis in (1, 2)) / 2)
     per_px = slope / max(math.sqrt(float(np.square(some).sum())), 1e-300)
@@ -294,7 +294,7 @@ def _significant_nuisance(fit: Fitted, data: PlaneResiduals, places: NDArray[np.
 
 
 SHARED_POSITIONS = 3.0
-"""Number of positions over which shared deviations are similar."""
+"""Correlation length of the shared deviations, in positions."""
 
 
 def _nuisance_of(
@@ -394,13 +394,13 @@ class HybridPlanes(PlaneSource):
     source
         Recorded patterns of the same scan, including those that were not fitted.
     noise
-        Constant and slope of the variance of a sample, as in `lfcal.fit.NewFrame`. None, and for `Measured`: as stated
-        by the source.
+        Constant and slope of the variance of a sample, as in `lfcal.fit.NewFrame`. None: as stated by the H. For
+        `Measured`, which states its own noise, ``noise`` is ignored.
 
     Raises
     ------
     InputError
-        If the patterns belong to another scan, or their noise is unknown.
+        If the patterns belong to another scan, their noise is unknown, or the source is a transposed H.
     """
 
     def __init__(

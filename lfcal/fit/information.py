@@ -178,7 +178,7 @@ class _Sums:
 
     @property
     def wanted(self) -> F8:
-        """As in `Information`."""
+        """`Information.wanted` for the patterns added so far."""
         power = np.where(self._power > 0, self._power, 1.0)
         scaled = self._cross[:, :, None] * self._cross[:, None, :] / power[:, None, None]
         found: F8 = (self._inner - scaled).sum(0) / self._power.sum()
@@ -186,7 +186,7 @@ class _Sums:
 
     @property
     def pattern_error(self) -> float:
-        """As in `Information`."""
+        """`Information.pattern_error` for the patterns added so far."""
         return float(np.sqrt(self._noise / self._power.sum()))
 
 
@@ -210,7 +210,7 @@ def _light(plan: ScanPlan, setup: Setup, index: NDArray[np.intp]) -> NDArray[np.
 
 
 def _gains(plan: ScanPlan, index: NDArray[np.intp], light: NDArray[np.float32], expected: Expected) -> F8:
-    """Return the number of electrons per fraction of the light in each plane."""
+    """Return the gain of each plane: electrons per unit of the predicted light."""
     exposures = np.array(plan.exposures)
     brightest = float((light.max(1) * exposures[index[:, 0]]).max())
     return np.asarray(expected.full * plan.camera.sensor.full_well_e * exposures / brightest)

@@ -80,7 +80,7 @@ class Measured:
     blurred_um: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check that everything belongs together."""
+        """Check the shapes, the positions, the values and the noise."""
         n, cutout = len(self.index), self.sampled
         wanted = {
             "index": (n, 3),
@@ -247,7 +247,7 @@ def check_optics(matrix: PSFMatrix) -> None:
 
 
 def kept_aside(matrix: PSFMatrix) -> list[list[int]]:
-    """Return the positions (z, y, x) that the provenance of H excludes from a fit; empty if none or invalid ones."""
+    """Return the positions (z, y, x) that the provenance of H excludes from a fit; empty if missing or invalid."""
     said = matrix.provenance.get("kept_aside")
     shape = (matrix.shape[0], *matrix.period)
     # provenance comes from a file that anyone may have written

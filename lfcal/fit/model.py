@@ -52,7 +52,7 @@ class Fineness:
 
 
 LIGHT_OUTSIDE = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 0.003}
-"""Fraction of the light that may be outside a grid's margin; coarse patterns of a main lens use the default."""
+"""Fraction of light allowed outside a grid's margin; coarse patterns of a main lens use the default margin."""
 
 
 PUPIL_ERROR = {Fineness.coarse: 0.05, Fineness.fine: 0.02, Fineness.finest: 0.01}
@@ -186,7 +186,7 @@ class ModelPlanes(PlaneSource):
     Raises
     ------
     InputError
-        If H is computed in units, and an effect of the setup cannot be found by its name.
+        If H is computed in work units, and an effect of the setup cannot be found by its name.
     """
 
     def __init__(

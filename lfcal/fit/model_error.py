@@ -23,7 +23,7 @@ SHOWN = 3.0
 """Standard deviations by which the scatter of held-out patterns must exceed their noise to be significant."""
 
 NUISANCE_SHARE = 0.5
-"""Fraction of the scatter (rms) of held-out patterns below which effects on single patterns may be part of it."""
+"""Fraction of the rms residual of held-out patterns below which effects on single patterns count as error."""
 
 F8 = NDArray[np.float64]
 
@@ -180,9 +180,9 @@ def held_out_error(
 ) -> ModelError:
     """Return the error of the model at ``point``, estimated from held-out patterns.
 
-    ``which`` contains the indices of the fitted unknowns, and ``columns`` the derivatives. ``spread`` is the covariance
-    of these unknowns, followed by the gains and then the backgrounds of the planes. ``among`` is a mask that selects
-    patterns (None: all).
+    ``which`` contains the indices of the fitted unknowns, and ``columns`` the derivatives of the patterns with respect
+    to all unknowns. ``spread`` is the covariance of the fitted unknowns, followed by the gains and then the backgrounds
+    of the planes. ``among`` is a mask that selects patterns (None: all).
 
     If none of these patterns was held out, the fitted ones are used. If the model is not ``complete``, all are used:
     the residuals of the fitted patterns then exceed the noise, are hardly smaller than those of held-out patterns, and

@@ -1,4 +1,4 @@
-"""Normal equations of all patterns for the shared unknowns; those of each pattern are eliminated (Schur)."""
+"""Normal equations of all patterns for the shared unknowns; unknowns of single patterns are eliminated (Schur)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ class Columns:
     displacements: F4 | None = None
 
     def with_others(self, others: Columns, which: Sequence[int]) -> Columns:
-        """Return ``others`` with the derivatives for the unknowns ``which``, and the displacements, of this object."""
+        """Return a copy of ``others`` that takes some of its derivatives from this object.
+
+        These are the derivatives with respect to the unknowns ``which`` and to the displacements.
+        """
         shared = others.shared.copy()
         shared[list(which)] = self.shared[list(which)]
         return Columns(shared, self.displacements)
@@ -81,7 +84,8 @@ class Normal:
         N ``(k, k)`` and g ``(k,)`` for all k shared unknowns, gains and backgrounds, after elimination of the unknowns
         of single patterns.
     chi2
-        Sum of squares with unchanged shared unknowns, and with the unknowns of single patterns at their best values.
+        Sum of squared residuals with unchanged shared unknowns, and with the unknowns of single patterns at their best
+        values.
     solved
         C^-1 B^T and C^-1 h of each pattern. Before the elimination, C is the block for the unknowns of the pattern, B
         the block that couples them to the k others, and h their part of the gradient. For a step d of the others, the

@@ -43,7 +43,7 @@ class ScanScales:
         Lever arm of a rotation and of a change of the pitch (pixels): half the longer side of the cutout; for several
         regions, plus the distance of the farthest region from ``middle_um``.
     middle_um
-        Middle (x, y) of the scanned cell relative to the centre of the sensor (µm); for several regions, their mean.
+        Middle (x, y) of the scanned region relative to the centre of the sensor (µm); for several regions, their mean.
     fields_um
         Middle (x, y) of each of several regions, relative to the centre of the sensor (µm); empty for a single one.
     """
@@ -185,7 +185,7 @@ class Group(ABC):
     held: bool = False
     """Whether ``unknowns="auto"`` never adds the group, but reports the degeneracies that it would cause."""
     assumed: bool = False
-    """Whether the group, when fixed, always contributes to the standard deviations of the others, however little."""
+    """Whether the group, when fixed, contributes to the standard deviations of other unknowns, however little."""
     along: tuple[str, ...] = ()
     """Groups that ``unknowns="auto"`` also tries together with this one, because each may have no effect alone."""
     core: bool = False

@@ -25,7 +25,7 @@ STEP = 0.1
 """Step of a finite difference, in scales of its unknown."""
 
 STEP_PX = 0.05
-"""Step of a source's displacement (pixels)."""
+"""Step of the finite differences with respect to the displacement of a source (pixels)."""
 
 ERRORS = {Fineness.coarse: 4e-3, Fineness.fine: 1e-3, Fineness.finest: 6e-4}
 """Error of the computation at each sampling, as a fraction of the light (relative L2, for the bench camera)."""
@@ -72,7 +72,7 @@ class Problem:
     vector
         All unknowns that the fit may change.
     workers
-        Number of threads over derivatives. None: all processors.
+        Number of threads that compute derivatives. None: all processors.
     """
 
     def __init__(self, measured: Measured, vector: Vector, workers: int | None = None) -> None:
@@ -163,9 +163,10 @@ class Problem:
     def columns(
         self, point: Point, which: Sequence[int], note: str, *, displaced: bool, both: bool | None = None
     ) -> Work[Columns]:
-        """Compute the derivatives for the unknowns ``which`` and, if ``displaced``, for the displacements of sources.
+        """Compute the derivatives of the patterns with respect to the unknowns with the indices ``which``.
 
-        Derivatives are finite differences at the coarse sampling; those for unknowns not in ``which`` (indices) are 0.
+        If ``displaced``, derivatives with respect to the displacements of the sources are computed as well. All are
+        finite differences at the coarse sampling; those with respect to unknowns not in ``which`` are 0.
         Progress counts derivatives and shows ``note``. With ``both``, differences for unknowns are central. None: they
         are central unless the sampling of ``point`` is coarse. One-sided differences contain a curvature of a few
         percent, which makes degenerate unknowns appear distinguishable. Differences for displacements are one-sided.
@@ -200,7 +201,7 @@ class Problem:
         return self.model(point.u, point.local.offsets_px, Fineness.coarse)
 
     def _derivative(self, point: Point, base: F4, k: int, *, both: bool) -> F4:
-        """Return the derivative by unknown ``k``, from steps to both sides, or to the first side within the bounds."""
+        """Return the derivative with respect to unknown ``k``; with ``both``, as a central difference if possible."""
         found: list[F4] = []
         for step in (STEP, -STEP):
             u = point.u.copy()

@@ -37,19 +37,19 @@ PLAIN = 0.12
 """Residual of the described camera (relative L2) above which questions are asked."""
 
 STRANGE = 0.8
-"""Same limit before aberrations are fitted, because patterns of wrong axes or depths have nothing in common."""
+"""Limit instead of `PLAIN` before aberrations are fitted; wrong axes or depths leave such large residuals."""
 
 UNEXPLAINED = 0.5
-"""Residual beyond noise (relative L2) above which the patterns do not belong to such a camera."""
+"""Residual beyond noise (relative L2) above which the patterns do not belong to the described camera."""
 
 LIGHT = 10.0
-"""Standard deviations of the squared noise that patterns with light must exceed."""
+"""Threshold of the light of the patterns, in standard deviations of the sum of the squared noise."""
 
 BETTER = 0.6
-"""Ratio of residuals below which another answer is better than the description."""
+"""Ratio of the residual of another answer to that of the description below which the answer is better."""
 
 WIDE = 20.0
-"""Largest described spread of light, in cutouts, for patterns to belong to such a camera."""
+"""Largest ratio of the described size of the patterns to the size of the measured cutouts."""
 
 FEW = 8
 """Number of patterns with which questions are answered."""

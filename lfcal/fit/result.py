@@ -121,7 +121,7 @@ class Fit:
     answers
         Answers to discrete questions, by question, where they differ from the description.
     spread
-        Rms scatter of the source positions (px), the lamp and the pixel response (fractions).
+        Rms scatter of the source positions (px), and of the lamp's brightness and the pixel response (fractions).
     residuals
         Measured minus predicted values ``(nt, ns)`` in standard deviations of the noise, by position (z, y, x).
     levels
@@ -204,7 +204,10 @@ class Fit:
         return Header(plan.shape, plan.depths_um, self.camera, plan.anchor, self.provenance)
 
     def planes(self, header: Header | None = None) -> ModelPlanes:
-        """Return an object that computes the planes of the H of the fitted camera. Without ``header``: `Fit.header`."""
+        """Return an object that computes the planes of the H of the fitted camera.
+
+        ``header`` is the header of this H. None: `Fit.header`.
+        """
         return ModelPlanes(header or self.header, self.ideal_places, self.planned, self.levels.gains.tolist())
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
@@ -223,7 +226,7 @@ class Fit:
 
     @property
     def unseen(self) -> tuple[int, ...]:
-        """Indices of the planes without a pattern, apart from outliers; their gain was not measured either."""
+        """Indices of the planes without a pattern other than outliers; the gain of these planes was not measured."""
         return tuple(sorted(set(range(self.planned.shape[0])) - {z for z, _, _ in self.residuals}))
 
     @property
@@ -286,7 +289,7 @@ class Fit:
             Recorded patterns of the same scan, all or only the fitted ones.
         noise
             ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²).
-            None, and for `Measured`: as stated by the source.
+            None: as stated by the H. For `Measured`, which states its own noise, ``noise`` is ignored.
         workers
             Number of threads. None: all processors.
 

@@ -20,17 +20,18 @@ __all__ = ["GroupSelection", "choose", "gain_of", "prune"]
 F8 = NDArray[np.float64]
 
 LINEAR = 0.5
-"""Largest distance of an unknown from its start, in scales, over which derivatives predict the effect of fixing it."""
+"""Largest distance from the start (in scales) at which derivatives predict the effect of fixing an unknown."""
 
 STEPS = 6
-"""Number of steps in which the others compensate for a group that is removed."""
+"""Number of steps in which the other groups compensate for a group that is removed."""
 
 
 class GroupSelection:
-    """Sums of squares of fitted and held-out patterns, as quadratic forms of all unknowns about a point.
+    """Sums of squared residuals of fitted and held-out patterns, as quadratic forms of all unknowns about a point.
 
-    ``columns`` contains the derivatives for all unknowns at the point. If no patterns are held out, the fitted ones are
-    used instead. ``samples`` is the number of held-out samples, and so the sum that noise alone would contribute.
+    ``columns`` contains the derivatives of the patterns with respect to all unknowns at the point. If no patterns are
+    held out, the fitted ones are used instead. ``samples`` is the number of held-out samples, and so the sum that noise
+    alone would contribute.
     """
 
     def __init__(self, problem: Problem, point: Point, columns: Columns) -> None:
@@ -42,7 +43,7 @@ class GroupSelection:
         self.samples = float((point.seen.inverse[aside] > 0).sum())
 
     def left(self, groups: Sequence[str]) -> float:
-        """Return the sum of squares of the held-out patterns after a step of the unknowns of ``groups``.
+        """Return the sum of squared residuals of the held-out patterns after a step of the unknowns of ``groups``.
 
         The step is the best one for the fitted patterns and the priors; gains and backgrounds change as well.
         """
@@ -53,7 +54,8 @@ class GroupSelection:
     def threshold(self, groups: Sequence[str], left: float) -> float:
         """Return the decrease of the held-out sum of squares above which ``groups`` improve the model.
 
-        ``left`` is the sum with these groups. q unknowns that fit only noise change the sum by about 0 ± sqrt(q).
+        ``left`` is the sum with these groups. If the q unknowns of ``groups`` fit only noise, they change the sum by
+        about 0 ± sqrt(q).
         """
         q = len(self.problem.vector.of_groups(groups))
         return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self.samples)
@@ -62,7 +64,7 @@ class GroupSelection:
 def gain_of(selection: GroupSelection, chosen: Sequence[str], added: Sequence[str]) -> tuple[float, float]:
     """Return the decrease of the held-out sum of squares due to the groups ``added``, and the required decrease.
 
-    The decrease is relative to the sum with the groups of ``chosen`` that are not in ``added``.
+    The decrease is the difference from the sum with the groups of ``chosen`` that are not in ``added``.
     """
     others = [one for one in chosen if one not in added]
     without, with_it = selection.left(others), selection.left([*others, *added])
@@ -87,9 +89,9 @@ def choose(
 ) -> tuple[str, ...]:
     """Return ``chosen`` followed by the ``candidates`` that lower the held-out residual, the most effective first.
 
-    Each candidate is tried by a linear fit about ``point``, which uses the derivatives ``columns`` for all unknowns. It
-    must lower the sum of squared residuals by more than the fraction ``least``, because far from the best point every
-    group helps a little.
+    Each candidate is tried by a linear fit about ``point``, which uses the derivatives ``columns`` with respect to all
+    unknowns. The candidate must lower the sum of squared residuals by more than the fraction ``least``, because far
+    from the best point every group helps a little.
     """
     selection = GroupSelection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]
@@ -125,15 +127,15 @@ def prune(
 
 
 def _far(problem: Problem, point: Point, name: str) -> bool:
-    """Return whether the unknowns of a group are farther from their start than derivatives are valid."""
+    """Return whether the unknowns of a group are too far from their start for derivatives to be valid."""
     return bool(np.abs(point.u[problem.vector.of_groups([name])]).max(initial=0.0) > LINEAR)
 
 
 def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], name: str) -> bool:
     """Return whether held-out squares increase if the unknowns of a group return to their start and the others adapt.
 
-    This uses computed patterns. Derivatives at the best point do not distinguish the distance of the source from gap,
-    focal lengths and iris, which differ by 1 % of the light over several steps.
+    This uses computed patterns. At the best point, derivatives with respect to the distance of the source resemble a
+    combination of those for gap, focal lengths and iris. Over several steps, the effects differ by 1 % of the light.
     """
     others = [one for one in chosen if one != name]
     which = problem.vector.of_groups(others)

@@ -30,7 +30,7 @@ from lfcal.simulate.effects import (
 __all__ = ["RegionPlace", "Setup", "described_effects", "starting_effects", "with_given"]
 
 SHOWN = 1e-3
-"""Fraction of the image above which light is computed as a vector field."""
+"""Error of the image without the vector field, as a fraction, above which a fit includes the vector field."""
 
 E = TypeVar("E", bound=Effect)
 

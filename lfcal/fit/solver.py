@@ -27,7 +27,7 @@ TRIES = 5
 F8 = NDArray[np.float64]
 
 RoundRecorder = Callable[[Problem, Point, str], Progress]
-"""Makes a record of the point at which a round of a stage ended."""
+"""Function that creates the progress record of a round from problem, point and name of the stage."""
 
 
 def solve(matrix: F8, gradient: F8) -> F8:
@@ -92,8 +92,8 @@ def moved(problem: Problem, point: Point, normal: Normal, used: NDArray[np.intp]
     """Return the point after a step; None if its camera is impossible or cannot be computed.
 
     ``used`` contains the indices of ``step`` in the normal equations: first ``count`` unknowns, then gains and
-    backgrounds. If it changes an unknown by more than `LONGEST` scales, the whole step is shortened. The unknowns of
-    single patterns are updated as well.
+    backgrounds. If the step changes an unknown by more than `LONGEST` scales, the whole step is shortened. The unknowns
+    of single patterns are updated as well.
     """
     longest = float(np.abs(step[:count]).max(initial=0.0))
     step = step * min(1.0, LONGEST / longest) if longest > 0 else step

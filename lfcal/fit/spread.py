@@ -15,8 +15,8 @@ def held_out_rows(
 ) -> NDArray[np.intp]:
     """Return which ``count`` positions to hold out, as row numbers in ``index`` ``(n, 3)``, in increasing order.
 
-    The positions (z, y, x) are chosen from ``index`` to represent all others, also far from the positions ``earlier``
-    ``(m, 3)``, which are not returned. If ``index`` has fewer than ``count`` positions, all are returned.
+    The positions (z, y, x) are chosen from ``index`` to represent all others. They are also far from the positions
+    ``earlier`` ``(m, 3)``, which are not returned. If ``index`` has fewer than ``count`` positions, all are returned.
 
     Positions that are far apart in the period may differ by an integer number of lenslets. Their patterns are then
     equal, and test a model at only one position relative to a lenslet. The chosen positions are therefore also far
@@ -58,7 +58,7 @@ def spread_out(
 
 
 class _Plane:
-    """The positions of a plane, those already chosen, and the distance of each other one from the nearest of them."""
+    """Positions of a plane, the chosen ones, and the distance of each other position from the nearest of these."""
 
     def __init__(
         self,

@@ -39,10 +39,10 @@ PART = 1 / 3
 """Fraction of the points that are counted as the middle, and fraction counted as the edges."""
 
 WORSE = 1.5
-"""Factor by which the error at the edges must be larger."""
+"""Ratio of the error at the edges to that in the middle above which the edges count as worse."""
 
 SIGNIFICANCE = 3.0
-"""Standard deviations by which the error at the edges must be larger."""
+"""Standard deviations by which the squared error at the edges must exceed that in the middle."""
 
 WIDE = 0.2
 """Fraction of the field that points must cover to distinguish its edges from its middle."""
@@ -57,7 +57,7 @@ class PointError:
     Attributes
     ----------
     z, y, x
-        Position of the point in its scan.
+        Indices of the position of the point in its scan.
     place_px
         Row and column of the image of the source on the sensor (px).
     field

@@ -16,7 +16,7 @@ from lfcal.simulate.effects import ExactAngles, LensLaw, MechanicalVignetting
 __all__ = ["ApertureGroup", "BladeCurvature", "Law", "SecondStop"]
 
 NEAR_EDGE = 0.1
-"""Fraction by which the radius of a described pupil may be too large for its edge to cut lenslets."""
+"""Largest distance, in radii of the pupil, at which its described edge counts as cutting a lenslet."""
 
 LAW = 0.5
 """Prior uncertainty of the lens law: the tangent law is two standard deviations from the sine condition."""

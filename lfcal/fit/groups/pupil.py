@@ -154,7 +154,7 @@ class TravelTilt(Group):
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the unknowns: the tilt along y (towards higher rows) and along x (towards higher columns) (rad).
 
-        They are empty for a camera with a periodic array.
+        The result is empty for a camera with a periodic array.
         """
         del frame
         if lenslets_of(setup) is None:

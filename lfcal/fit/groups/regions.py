@@ -143,7 +143,7 @@ class RegionDepthsGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the depth change (µm) of each region but the first, as from non-orthogonal axes."""
+        """Return the unknowns: the depth change (µm) of each region but the first, due to non-orthogonal axes."""
         scale = depth_scale(setup.camera)
         return tuple(
             Unknown(f"region_{k}_farther_um", self.name, "µm", 0.0, scale) for k in range(1, len(frame.fields_um))
