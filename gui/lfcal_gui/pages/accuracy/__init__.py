@@ -1,6 +1,6 @@
 """Accuracy: error against cost in each step of the work; a click in the chart applies a setting.
 
-- ``page``, ``panel``: the parts, and the curve of one
+- ``page``, ``panel``: the parts, and the curve of the selected part
 - ``model``: settings, measurements, words, and what a point changes in the project
 """
 

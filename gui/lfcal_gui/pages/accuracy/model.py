@@ -118,7 +118,7 @@ class PointUse:
     changes
         Entries of the project that change.
     page
-        Page that shows it; empty if none.
+        Page that shows the change; empty if none.
     """
 
     words: str
@@ -131,7 +131,7 @@ def use_of(project: ProjectState, curve: Curve, point: CostPoint) -> PointUse:
     """Return the changes of the project that apply the measured setting ``point``."""
     maker = _USES.get(curve.part)
     if maker is None:
-        return PointUse(NO_USE.get(curve.part, "Nothing was changed: the window has no setting for it."))
+        return PointUse(NO_USE.get(curve.part, "Nothing was changed: the window has no setting for this part."))
     try:
         return maker(project, point)
     except (LfcalError, KeyError, TypeError) as error:

@@ -1,6 +1,6 @@
 """Use > Depth: a depth map of one light-field frame.
 
-- ``page``, ``panel``; ``model``: settings, the task, and what the picture shows; ``step``: the same as a command
+- ``page``, ``panel``; ``model``: settings, the task, and what the picture shows; ``step``: the task as a command
 """
 
 from __future__ import annotations

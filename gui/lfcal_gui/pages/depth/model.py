@@ -84,7 +84,7 @@ class DepthSettings(PageSettings):
 
     @property
     def option_values(self) -> dict[str, Any]:
-        """Other fields of the task by name, as the record stores them."""
+        """Values of ``options`` by name, with the types of the fields of the task."""
         return options_in(Depth, dict(self.options))
 
     def usable(self) -> None:

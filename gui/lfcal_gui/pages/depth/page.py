@@ -29,7 +29,7 @@ EMPTY = (
     "Open a light-field frame to measure the depth of everything with texture in it.\n"
     "Or drop a .tif, .png or .raw file here."
 )
-OPEN = "Choose an image of the camera"
+OPEN = "Choose a frame recorded with the camera"
 KINDS = {
     "map": ("Save depth map", "depth.tif", "Depth map (*.tif)"),
     "points": ("Save points", "points.ply", "PLY (*.ply)"),

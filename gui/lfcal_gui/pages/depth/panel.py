@@ -32,7 +32,7 @@ from lfcal_gui.widgets import (
     wrapped,
 )
 
-OPEN = "An image of the camera: TIFF, PNG, NPY, RAW and others; files can be dropped here as well"
+OPEN = "Choose a frame recorded with the camera: TIFF, PNG, NPY, RAW or others. You can also drop a file here"
 MEASURE = "Match the micro-images, or the views, of the whole frame, as a job (F5)"
 STOP = "Stop measuring (Esc)"
 LEAST = "Samples below this confidence are shown in grey. Saved files keep all samples, with their confidence"

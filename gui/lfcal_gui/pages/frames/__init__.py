@@ -18,7 +18,7 @@ def state(project: ProjectState) -> PageState:
 
 
 def takes(path: str) -> bool:
-    """Return whether it is a folder, or may be a list of frames."""
+    """Return whether a path is a folder, or may be a list of frames."""
     from lfcal.frames.lists import TABLE_SUFFIXES
 
     return Path(path).is_dir() or Path(path).suffix.lower() in TABLE_SUFFIXES

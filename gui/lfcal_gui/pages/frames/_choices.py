@@ -42,7 +42,7 @@ class FrameChoices(FoldedForm):
         self._dark = True
 
     def show_settings(self, settings: FrameSettings) -> None:
-        """Show the settings; a white image is needed to divide by one."""
+        """Show the settings; without a white image, the division by a white image is disabled."""
         own = vars(settings) | {"use_dark": settings.use_dark and self._dark}
         self.set_values({**shown_of(Assemble, settings.option_values), **own})
         self.set_enabled("use_white", bool(settings.white), f"{WHITE_TIP}; no white frames were found")

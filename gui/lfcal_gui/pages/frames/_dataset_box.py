@@ -16,7 +16,7 @@ class DatasetBox(QComboBox):
     """Combo box of the datasets of a file, with its label; both are hidden unless there are several."""
 
     chosen = Signal(str, arguments=["path"])
-    """The user chooses a dataset: the file with it, ``scan.h5::/entry/data/data``."""
+    """The user chose a dataset; ``path`` names the file and the dataset, such as ``scan.h5::/entry/data/data``."""
 
     def __init__(self) -> None:
         super().__init__()

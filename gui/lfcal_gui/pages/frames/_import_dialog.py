@@ -57,10 +57,10 @@ SHOWN_ROWS = 3
 
 
 class ColumnsTable(QTableWidget):
-    """Table with the first rows of the list, below a row of column meanings and a row of units."""
+    """Table with the first rows of the list, below a row of column contents and a row of units."""
 
     changed = Signal(str, arguments=["text"])
-    """Meaning of the columns, in the format of ``lfcal assemble --columns``."""
+    """Contents and units of the columns, in the format of ``lfcal assemble --columns``."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -79,7 +79,7 @@ class ColumnsTable(QTableWidget):
         self.hide()
 
     def show_table(self, table: Table | None, used: tuple[Column, ...], without: str = "") -> None:
-        """Show the list and the meaning of its columns; without a list, hide it."""
+        """Show the list and the contents of its columns; without a list, hide the table."""
         self.setVisible(table is not None)
         if table is None:
             return
@@ -318,7 +318,7 @@ class ImportDialog(QDialog):
         return line("", cancel, self.open_button, stretch=0)
 
     def start(self, plan: ScanPlan | None, camera: Camera | None) -> None:
-        """Reset the dialog for a project: its plan, and the camera used to make a plan from a list."""
+        """Reset and open the dialog for a project with ``plan``; ``camera`` is used to make a plan from a list."""
         self._plan, self._camera = plan, camera
         self.choice = ImportChoice("")
         self._show_nothing()
@@ -429,7 +429,7 @@ class ImportDialog(QDialog):
             self.accept()
 
     def reject(self) -> None:
-        """Close without the frames."""
+        """Close the dialog without importing frames."""
         self._drop()
         super().reject()
 

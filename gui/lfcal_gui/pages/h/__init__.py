@@ -14,7 +14,7 @@ from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, kept
 
 
 def state(project: ProjectState) -> PageState:
-    """Return the state of the page: whether there is an H, and whether it has faults."""
+    """Return the state of the page: whether there is an H, and whether it can be used without changes."""
     verdict = kept_verdict(project)
     bad = verdict is not None and not verdict.usable
     return PageState.ATTENTION if bad else file_state(project.psf, ready=False)

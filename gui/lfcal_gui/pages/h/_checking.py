@@ -89,7 +89,7 @@ class Checking:
         return stated_order(self.context.state, self.context.state.psf)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Update settings, and discard results of another H."""
+        """Show changed settings, and discard results of another H."""
         if old.psf != new.psf:
             self.follow()
         elif QualitySettings.of(old) != QualitySettings.of(new) or stated_order(old, old.psf) != self._order:
@@ -141,7 +141,10 @@ class Checking:
 
     # -- inspecting ------------------------------------------------------------------------------------
     def measure(self, *, force: bool = False) -> None:
-        """Inspect H as a job, once per file. The job opens the file itself, because the window reads other planes."""
+        """Inspect H as a job: once per file, or again with ``force``.
+
+        The job opens the file itself, because the window reads other planes.
+        """
         if self._stamp is None or self._job or (self.inspection is not None and not force):
             return
         if stamp_of(self.context.state.psf) != self._stamp:  # written again meanwhile
@@ -245,11 +248,11 @@ class Checking:
         words = model_checks.summary_of(found, asked.source)
         now = model_checks.asked_of(self._stamp, self.settings, self.context.fitted, self._order)
         if now.choices != asked.choices:
-            words += " The settings changed since then; press Inspect again to use them."
+            words += " The settings changed since this inspection; press Inspect again to use them."
         view.summary.setText(words)
 
     def _look_at(self, row: int) -> None:
-        """Show a check: text, picture, and the plane with most of its positions."""
+        """Show a check: text, picture, and the plane with most of the affected positions."""
         view, found = self.view, self.inspection
         if view is None or found is None or not 0 <= row < len(self.checks):
             return
@@ -277,7 +280,7 @@ class Checking:
         return {"judge": lambda: self.measure(force=True), "why": self.show_worst, "worst": self.show_worst}
 
     def show_worst(self) -> None:
-        """Show the failed checks, the worst first."""
+        """Show the checks, failed ones first, and select the first."""
         self.chosen = None
         self._page.look_into("checks")
         self._show()

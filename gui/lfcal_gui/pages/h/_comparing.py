@@ -27,7 +27,7 @@ BLINK_MS = 600
 
 
 class ProjectComparing(Comparing):
-    """Comparison of the project's H with the second H, whose patterns the page can show instead of those of H.
+    """Comparison of the project's H with a second H; the pictures of the page can show the patterns of either.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class ProjectComparing(Comparing):
         super().__init__(self.view, page.context, page.spec.key)
         self._host = page
         self.shown = choice_box(
-            SHOWN, "Alternating images show shifts; the view Difference shows missing light", "H that is shown"
+            SHOWN, "Alternate to see shifts; use the view Difference to see missing light", "H that is shown"
         )
         self.shown.currentIndexChanged.connect(lambda _: self._show_other())
         column = self.view.layout()
@@ -77,7 +77,7 @@ class ProjectComparing(Comparing):
         self._host.set_intent(show="measured" if self._host.intent.show == "reference" else "reference")
 
     def show_place(self, place: Place) -> None:
-        """Show a position of both H in the pictures."""
+        """Show a compared position in the pictures; its first index counts the compared planes."""
         found = self.found
         if found is not None:
             self._place = place
@@ -130,7 +130,7 @@ class ProjectComparing(Comparing):
 
     @property
     def row_words(self) -> str:
-        """Name of the second H, and difference, for the inspector."""
+        """Name of the second H, or its difference from H once they are compared, for the inspector."""
         found, other = self.found, Path(self._context.state.reference).name
         return other if found is None else f"difference {100 * found.all.scaled:.3g} %"
 

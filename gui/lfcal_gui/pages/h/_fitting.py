@@ -41,14 +41,14 @@ class Results:
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
 
     def close(self) -> None:
-        """Release the report; delete it if it was not saved."""
+        """Forget the report; delete its files if it was not saved."""
         self.report = None
         if self._scratch is not None:
             self._scratch.cleanup()
             self._scratch = None
 
     def compute(self, path: str = "") -> None:
-        """Compute H of the fitted camera as a job; this H becomes the reference."""
+        """Compute H of the fitted camera as a job; this H becomes the second H of the project."""
         found = self._fitting.found
         if found is None:
             return
@@ -138,7 +138,7 @@ class Results:
 
 
 class Fitting:
-    """Run fits, and keep the result until H changes. A stopped or failed fit keeps the previous result.
+    """Run fits, and keep the result until H changes. After a stopped or failed fit, the previous result remains.
 
     Parameters
     ----------
@@ -270,11 +270,11 @@ class Fitting:
         self.view.show_found(self.found, self._rounds.rounds, "\n".join(filter(None, (used, since))))
 
     def map_at(self, z: int) -> PositionMap | None:
-        """Return the map of χ² of a plane; None if there is no fit."""
+        """Return the map of χ² of a plane; None without a fit or without one of its patterns in the plane."""
         return None if self.found is None else chi2_map(self.found, z)
 
     def show_place(self, place: Place) -> None:
-        """Show the pattern of a position (z, y, x) of a fit, if there is one."""
+        """Show the pattern at a position (z, y, x), if the fit used this pattern."""
         if self.found is not None and place in self.found.chi2:
             self._page.set_intent(z=place[0], y=place[1], x=place[2], view="fit")
 

@@ -149,7 +149,7 @@ class ChecksView(QWidget):
     def _buttons(self) -> QHBoxLayout:
         self.measure_button, self.report_button = QPushButton("Inspect again"), QPushButton("Write report …")
         self.measure_button.setToolTip("Inspect H again, and compare it with its camera (F5)")
-        self.report_button.setToolTip("Save an HTML page with all results, and JSON for programs")
+        self.report_button.setToolTip("Save all results as an HTML page and as PDF, and as JSON for programs")
         return line(self.measure_button, self.report_button)
 
     def _settings(self) -> QWidget:
@@ -157,7 +157,7 @@ class ChecksView(QWidget):
         self.every = QCheckBox("List all checks")
         self.every.setToolTip("Also list checks that do not apply to this H")
         self.every.toggled.connect(self.every_toggled.emit)
-        tip = "Camera, session, number of patterns and time of the inspection"
+        tip = "Camera, session, number of patterns and time limit of the inspection"
         self.form = FoldedForm(more=FIELDS, title="Inspection settings", tip=tip, framed=True)
         folder = button("Choose saved fit …", "Compare with the camera of a saved fit", self.folder_asked.emit)
         for part in (folder, self.every):

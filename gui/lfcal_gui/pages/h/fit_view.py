@@ -134,7 +134,7 @@ class ChoicesPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_source(self, name: str, offer: Offer | None, project: ProjectState) -> None:
-        """Show the data that the H called ``name`` offers to a fit. None: the H is being opened."""
+        """Show the data that the H called ``name`` offers to a fit; ``offer`` is None while H is being opened."""
         settings = FitSettings.of(project)
         if offer is None:
             self.source.setText(f"{name} is being opened …")
@@ -221,7 +221,7 @@ class FitPictures(QWidget):
         self.place: Place | None = None
         """The displayed position (z, y, x)."""
         self.words = ("", "")
-        """Position of the pattern, whether it was fitted, held out or excluded, and its χ², as text."""
+        """Result of `model_fit_run.place_words` for the displayed pattern; empty texts if there is none."""
         self.measured, self.model = Picture(legend=False), Picture(legend=False)
         self.residual = Picture("residual (σ of the noise)", legend=False)
         self.views = (self.measured, self.model, self.residual)
@@ -235,7 +235,7 @@ class FitPictures(QWidget):
         column_of(row, self.contrast, of=self, spacing=2, stretch=0)
 
     def show_fit(self, found: FoundFit | None) -> None:
-        """Show the patterns of a fit, beginning with the first. None: clear the pictures."""
+        """Use the patterns of a fit, None: of no fit; the pictures are empty until `show_place` is called."""
         if found is self._found:
             return
         self._found, self.place, self.words = found, None, ("", "")
@@ -243,13 +243,13 @@ class FitPictures(QWidget):
             view.set_shot(None)
 
     def nearest(self, place: Place) -> Place:
-        """Return the fitted position nearest to (z, y, x), if possible in the same plane."""
+        """Return the position of the fit nearest to (z, y, x), if possible in the same plane."""
         places = () if self._found is None else self._found.places
         own = [one for one in places if one[0] == place[0]] or places
         return min(own, key=lambda one: math.dist(one, place), default=place)
 
     def show_place(self, place: Place) -> None:
-        """Show the fitted pattern nearest to a position (z, y, x)."""
+        """Show the pattern of the fit nearest to a position (z, y, x)."""
         found = self._found
         if found is None:
             return
@@ -470,7 +470,7 @@ class FitView(QWidget):
     @cached_property
     def rounds(self) -> RoundsView:
         """View of the convergence, which is created with the first fit."""
-        folded = Folded("Convergence", "Error after each round: whether it converged, and which unknowns helped")
+        folded = Folded("Convergence", "Error after each round: whether the fit converged, and which unknowns helped")
         made = RoundsView()
         folded.column.addWidget(made)
         self._rounds_at.insertWidget(self._rounds_at.count() - 2, folded)

@@ -1,4 +1,4 @@
-"""Content of the place H: from a request (intent) to a frozen image. No Qt."""
+"""Content of the place H: requests for images (intents), and the images that are shown for them. No Qt."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class HIntent:
     view: str = "both"
 
     def clamped(self, shape: tuple[int, int, int, int, int], *, reference: bool = True) -> HIntent:
-        """Return the intent with all indices inside ``shape``; without a ``reference``, only H is shown."""
+        """Return the intent with all indices inside ``shape``; without a ``reference``, none of its images is."""
         nz, ny, nx, nt, ns = shape
         z, y, x = (min(max(v, 0), n - 1) for v, n in zip((self.z, self.y, self.x), (nz, ny, nx), strict=True))
         pixel = self.pixel
@@ -84,7 +84,7 @@ class LoadedPlane:
     z
         Index of the plane.
     values
-        Values ``(ny, nx, nt, ns)``; not-a-number outside the cutout of a reference.
+        Values ``(ny, nx, nt, ns)``; for a reference, NaN outside its cutout.
     scale
         For a reference: factor that scales it to the energy of H.
     """
@@ -141,7 +141,7 @@ def read_plane(matrix: PSFMatrix, both: Pair | None, z: int) -> PlaneData:
 
 
 def _partner(both: Pair, plane: LoadedPlane) -> LoadedPlane | None:
-    """Return the plane of the reference at the depth of ``plane``, with the positions and cutout of H."""
+    """Return the plane of the reference paired with ``plane``, with the positions and cutout of H; None if none."""
     z = next((other for own, other in both.planes if own == plane.z), None)
     if z is None:
         return None
@@ -231,7 +231,10 @@ def places_in(z: int, places: Iterable[tuple[int, ...]]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class HPicture:
-    """Images to draw: the main and the linked one (``signed`` or not), with titles and cursors."""
+    """Main and linked image to draw, with titles and cursors (pixels (t, s); None: no cursor).
+
+    The linked image shows the source position ``linked_position`` (y, x). It is a difference if ``signed``.
+    """
 
     main: NDArray[Any]
     linked: NDArray[Any]
@@ -253,8 +256,8 @@ def linked_pixel(
 ) -> tuple[tuple[int, int], Pixel]:
     """Return the position and pixel in HT of the entry of H at ``position`` and ``pixel``.
 
-    HT[z, y', x', t', s'] = H[z, y, x, t, s] with y' = (y + t - ct) mod ny, t' = nt-1-t, and likewise for x and s. The
-    relation is its own inverse, so it also leads from HT to H.
+    HT[z, y', x', t', s'] = H[z, y, x, t, s] with y' = (y + t - ct) mod ny, t' = nt-1-t, and likewise for x and s;
+    (ct, cs) is the centre of the cutout. The relation is its own inverse, so it also leads from HT to H.
     """
     y = (position[0] + pixel[0] - centre(cutout[0])) % period[0]
     x = (position[1] + pixel[1] - centre(cutout[1])) % period[1]
@@ -265,7 +268,8 @@ def resolve(intent: HIntent, plane: LoadedPlane, reference: LoadedPlane | None =
     """Return the images for ``intent`` from the loaded plane (and that of the reference).
 
     Without a pixel under the pointer, the linked image is the other matrix at the same position. With a pixel, it is
-    the pattern that contains this pixel in the other matrix, with the entry marked.
+    the pattern that contains this pixel in the other matrix, with the entry marked. In the view ``"difference"``, it is
+    the difference from the reference.
     """
     ny, nx, nt, ns = plane.values.shape
     here, pixel = (intent.y, intent.x), intent.pixel
@@ -321,7 +325,7 @@ def unit_word(unit: str) -> str:
 
 
 def pixel_words(picture: HPicture, pixel: Pixel, unit: str) -> tuple[str, str]:
-    """Return pixel (t, s) of the main image and its value in ``unit`` as text, and a shorter text."""
+    """Return pixel (t, s) of the main image and its value in ``unit`` as text; also a shorter text for a difference."""
     t, s = pixel
     word = unit_word(unit)
     whole = f"t {t}, s {s}: {picture.main[t, s]:.5g} {word}"
@@ -373,7 +377,7 @@ MAIN = ("Shape", "Blades", "Rotation", "Apothem", "Confidence")
 
 
 def aperture_words(aperture: Aperture, expected: Aperture | None = None, names: Collection[str] = MAIN) -> str:
-    """Return numbers of a fitted and an expected aperture as rich text; empty ``names``: all.
+    """Return the numbers ``names`` (if empty: all) of a fitted and an expected aperture as rich text.
 
     If the fit refuses a result, the reason comes first.
     """
@@ -396,7 +400,7 @@ def aperture_words(aperture: Aperture, expected: Aperture | None = None, names: 
 
 
 def _bare(text: str) -> str:
-    """Return a number without its unit, if the neighbouring number shows the same unit."""
+    """Return a number without its unit, which the number next to it shows."""
     return text.removesuffix(" px").removesuffix(" px²")
 
 
@@ -434,7 +438,7 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
 
 
 def made_words(matrix: PSFMatrix, z: int) -> str:
-    """Return engine, sampling, processor time and error of a simulated plane as lines of text; else an empty string."""
+    """Return engine, sampling, processor time and error of a simulated plane as lines of text; empty if not stated."""
     lines = computed_words([simulated_planes(matrix.provenance, len(matrix))[z]])
     return "\n".join(words.partition(": ")[2].replace("; ", "\n").replace(" x ", " × ") for words in lines)
 

@@ -70,7 +70,7 @@ YES_NO = "yes / no"
 """Unit of maps whose values are 0 or 1."""
 
 ERRORS = ("position", "step")
-"""Metrics that give the error of a position, in order of preference: from its position, from its neighbours."""
+"""Metrics that give the error of a position, in order of preference: from the lenslet lattice, from its neighbours."""
 
 NO_CURVE = "This check has one value for all of H, so there is no curve over depth."
 NO_PICTURE = "There is no image for this fault."
@@ -143,7 +143,8 @@ class CheckRow:
     merit
         Resulting merit of H.
     rating, cost
-        Merit in a word, or confidence of a fault; and the error of a reconstruction that it causes.
+        Merit in a word, or confidence of a fault; and the error of a reconstruction caused by the fault
+        or by the deviation of the metric.
     words
         Meaning and remedy, as rich text.
     """
@@ -252,7 +253,7 @@ def _metric_words(inspection: Inspection, metric: Metric, reading: str) -> str:
         if cause is not None:
             parts.append(f"<b>See the fault “{cause.title}”</b>, which causes it. {_atlas_link(cause.name)}")
         elif inspection.withdrawn(metric):
-            parts.append("<b>Not confirmed</b>: the comparison with the camera tested for it and did not find it.")
+            parts.append("<b>Not confirmed</b>: the comparison with the camera tested for it without finding it.")
         else:
             parts.append(f"<b>What to do:</b> {metric.spec.advice}")
     return "<br>".join(parts)
@@ -382,7 +383,7 @@ class InspectionRequest:
     stamp
         Stamp of the file of H at the time of the request.
     seconds, patterns
-        Time limit (s) of the comparison with the camera (0: none), and number of patterns compared.
+        Time limit (s) of the comparison with the camera (0: no comparison), and number of patterns compared.
     session
         Session whose control frames are checked; empty: none.
     setup
@@ -453,7 +454,7 @@ def asked_of(
 
 
 def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
-    """Measure H and compare it with its camera; ``kept`` stores the result, as the job list outlives the jobs."""
+    """Measure H and compare it with its camera; store the results in ``kept``, because ended jobs stay in the list."""
     from lfcal.judge import fitted_setup, iter_inspection
     from lfcal.judge.quality import control_frames, iter_inspect
     from lfcal.psf import open_psf
@@ -502,7 +503,7 @@ def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
 
 
 def iter_write_report(psf: str, folder: str, inspection: Inspection | None, mat_order: str = "") -> Work[Path]:
-    """Write the report of the H in a file, reusing the results of ``inspection``."""
+    """Write the report on the H file ``psf`` into ``folder``, and reuse the results of ``inspection``."""
     from lfcal.judge.report import iter_report
     from lfcal.psf import open_psf
 

@@ -85,7 +85,7 @@ class FitSettings(PageSettings):
 
 
 def group_rows() -> tuple[tuple[str, str, bool], ...]:
-    """Return name, title and whether it is always fitted, for every group of unknowns."""
+    """Return name and title of each group of unknowns, and whether the automatic choice always includes it."""
     return tuple((group.name, group.title, group.core) for group in GROUPS)
 
 
@@ -287,8 +287,8 @@ class FitUse:
 def use_of(project: ProjectState, fit: Fit) -> FitUse:
     """Return the changes of the project that use the fitted camera and effects.
 
-    The plan keeps its positions on the sensor, its depths and its exposures; one that does not go with the camera is
-    dropped.
+    The plan keeps its positions on the sensor, its depths and its exposures. A plan that does not match the camera
+    is removed.
     """
     camera = measured_camera(fit)
     words = [f"In use: fitted camera {camera.name}"]

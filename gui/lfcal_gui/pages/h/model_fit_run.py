@@ -103,7 +103,7 @@ class FoundFit:
     aside
         Held-out positions, which were never fitted.
     patterns, valid
-        For each position: the measured pattern ``(nt, ns)``, and the pixels that hold a measurement.
+        For each position: the measured pattern ``(nt, ns)``, and its pixels with a measurement.
     model, residual
         For each position: the prediction with gain and background, and measured minus predicted in sigmas
         ``(nt, ns)``.
@@ -266,7 +266,7 @@ def _place(at: NDArray[np.intp]) -> Place:
 
 
 def _outliers(fit: Fit, measured: Measured) -> tuple[dict[Place, F4], dict[Place, F4], dict[Place, float]]:
-    """Return the predictions for patterns left out as outliers, and the deviations of the patterns from them."""
+    """Return, for patterns left out as outliers, the predictions, the residuals in sigmas, and χ²."""
     rows = [k for k, at in enumerate(measured.index) if _place(at) not in fit.residuals]
     if not rows:
         return {}, {}, {}
@@ -306,7 +306,10 @@ LEAST_CHI2 = (0.8, 1.5)
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter as a table row: displayed texts, and the sort keys of its columns (NaN if none)."""
+    """One parameter as a table row: displayed texts, and the sort keys of its columns (NaN if none).
+
+    ``far`` states whether the found value is 3 σ or more from the stated one.
+    """
 
     texts: tuple[str, ...]
     numbers: tuple[float, ...]
@@ -393,7 +396,7 @@ class FitFinding:
 
 
 def findings_of(fit: Fit) -> tuple[FitFinding, ...]:
-    """Return the findings of a fit: answers, outliers, degeneracies, fixed parameters, and groups that did not help."""
+    """Return the findings of a fit: answers, outliers, degeneracies, fixed parameters, and groups of unknowns."""
     found = [FitFinding(f"not as described: {question}", answer) for question, answer in fit.answers.items()]
     found += [_outlier(one) for one in fit.outliers]
     found += [FitFinding("not measured", fit.unseen_words)] if fit.unseen else []

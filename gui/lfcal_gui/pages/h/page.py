@@ -148,7 +148,7 @@ class Page(BasePage):
         self.show_map()
 
     def show_map(self) -> None:
-        """Show the map of positions: that of the current level, or else their error or their light."""
+        """Show the map of the current level, else the map of the errors of the positions, else that of their light."""
         matrix, z = self.matrix, self.intent.z
         if matrix is None:
             return
@@ -166,7 +166,7 @@ class Page(BasePage):
 
     @property
     def part(self) -> str:
-        """Part of the page whose command is copied."""
+        """Level of the inspector whose command is copied; empty: the export of H."""
         return self.level if self.level in ("checks", "fit") else ""
 
     def _begin(self) -> None:
@@ -203,7 +203,7 @@ class Page(BasePage):
         return self.checking.deeds()
 
     def let_go(self) -> None:
-        """Stop opening files for the previous project."""
+        """Stop opening files for the previous project, and discard its comparison."""
         self._sent = {}
         asked, self._asked = self._asked, ""
         if asked and self.context.matrices.opening(asked):
@@ -212,7 +212,7 @@ class Page(BasePage):
             self.comparing.let_go()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Open the H and the reference of the project if they changed."""
+        """Open the H and the reference of the project if they changed, and update the levels and the verdict."""
         if (old.psf, old.reference) != (new.psf, new.reference):
             self._open()
         elif old.camera != new.camera and self.matrix is not None:
@@ -287,7 +287,7 @@ class Page(BasePage):
         self._show_sent()
 
     def _offer_order(self, *, again: bool = False) -> None:
-        """Offer the other order of axes if it was guessed for H or, with ``again``, stated by the user before."""
+        """Offer the other order of axes if the order of H was guessed or, with ``again``, stated by the user before."""
         path = self.context.state.psf
         orders = () if self.matrix is None else mat_orders_of(self.matrix)
         if not orders or (not again and stated_order(self.context.state, path)):
@@ -315,14 +315,14 @@ class Page(BasePage):
         self.context.project.update("order of axes", settings=settings.into(self.context.state))
 
     def _show_hint(self, matrix: PSFMatrix) -> None:
-        """Describe H and how it was read, and warn if its reference belongs to another camera than the project's."""
+        """Describe H and how it was read, and warn if the reference is of another camera than that of the project."""
         state = self.context.state
         notes = [f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}"]
         notes += opening_notes(matrix)
         stale = self.reference is not None and self.reference.camera not in (None, state.camera)
         self.context.attention.emit("simulate", stale)
         if stale:
-            notes.append("the reference was simulated for another camera than the one described now; simulate it again")
+            notes.append("the other H belongs to another camera than the one described now; compute it again")
         self.hint.setText("; ".join(notes), Path(state.psf).name)
 
     def _comparable(self, matrix: PSFMatrix, path: str) -> Pair | None:

@@ -108,14 +108,14 @@ class Apertures(QDialog):
         self.grid.apply_theme()
 
 
-HOVER = "Point at a pixel of H to see its HT. Click to keep it."
+HOVER = "Point at a pixel of H to see its HT. Click to keep this pixel."
 HOVER_BRIEF = "Point at H to see HT"
 Levels = tuple[float, float] | None
 
 NO_LINE = np.empty((0, 2))
 
 VIEWS = (
-    ("H", {"view": "one", "transposed": False}, "Pattern on the sensor of one source position (T)"),
+    ("H", {"view": "one", "transposed": False}, "Pattern of one source position on the sensor (T)"),
     ("HT", {"view": "one", "transposed": True}, "Pattern in the volume seen by one pixel: the transposed matrix (T)"),
     ("Both", {"view": "both"}, "H, and HT of the pixel under the pointer"),
     ("Sum", {"view": "sum"}, "Depth-plane sum: the aperture as seen from this depth"),
@@ -282,7 +282,7 @@ class HPanel(QWidget):
         return self.made_fold
 
     def add_level(self, name: str, view: QWidget, *, scrolled: bool = True) -> None:
-        """Add a level to the inspector; ``scrolled``: it scrolls as a whole instead of in parts."""
+        """Add a level to the inspector; if ``scrolled``, the level scrolls as a whole instead of in parts."""
         back = button(
             "‹ Verdict",
             "Back to the verdict, the aperture and the other levels (Backspace)",
@@ -364,7 +364,7 @@ class HPanel(QWidget):
             self.profile.set_labels("pixel from the cutout's centre (px)", unit)
 
     def show_intent(self, intent: HIntent, plane_words: str, position_words: str) -> None:
-        """Show the controls for an intent."""
+        """Show plane, position and view of an intent in the controls."""
         self.place_label.setText(plane_words)
         self.position_label.setText(position_words)
         self._each_strip(lambda strip: strip.set_current(intent.z))

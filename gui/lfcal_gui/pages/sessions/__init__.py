@@ -2,7 +2,7 @@
 
 - ``page``, ``panel``; ``_tiles``: the results as tiles; ``_looking``: folders looked through in the background
 - ``_pairing``: two results compared; ``trend_panel``: reports over time
-- ``model``: which results are shown, in words; ``model_kept``: pictures and verdicts kept by the file's stamp
+- ``model``: selection, order and texts of the results; ``model_kept``: cache of images and verdicts
 - ``model_trend``: rows and curves of reports over time
 """
 

@@ -68,7 +68,7 @@ class SessionsSettings(PageSettings):
 
 
 def own_folders(project: ProjectState, path: Path | None) -> tuple[str, ...]:
-    """Return the folders of the project's file, H and recording, without accessing the disk."""
+    """Return the folders that contain the project and its files, without accessing the disk."""
     files = (str(path or ""), project.psf, project.reference, project.volume)
     # a recording is a folder itself, and what is made of it is often next to it
     folders = [str(Path(one).parent) for one in (*files, project.recording, project.frames) if one]
@@ -76,7 +76,7 @@ def own_folders(project: ProjectState, path: Path | None) -> tuple[str, ...]:
 
 
 def recent_with(folder: str, recent: Iterable[str]) -> list[str]:
-    """Return the recently used folders, newest first."""
+    """Return the recently used folders with ``folder`` first."""
     return [folder, *(one for one in recent if one != folder)][:RECENT]
 
 

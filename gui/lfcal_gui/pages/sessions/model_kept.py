@@ -47,7 +47,7 @@ def thumbnail(values: NDArray[np.generic]) -> U1:
 
 
 class KeptResults:
-    """Cache of images and verdicts by file and modification time; entries of earlier versions are ignored.
+    """Cache of images and verdicts by file and modification time; entries of an earlier version of a file are ignored.
 
     If the folder cannot be written, nothing is stored and no error is raised.
 

@@ -57,7 +57,9 @@ class Page(BasePage):
 
     def _make_buttons(self) -> None:
         self.judge_button = self.tool_button(
-            "Judge", "Measure the selected H and compare it with its camera; its tile keeps the verdict", self.judge
+            "Judge",
+            "Measure the selected H and compare it with its camera; its tile then shows the verdict",
+            self.judge,
         )
         self.compare_button = self.tool_button("Compare", "Compare the two selected results (Ctrl+D)", self.compare)
         self.stop_button = self.stop_tool("Stop judging or comparing")

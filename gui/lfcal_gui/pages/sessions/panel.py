@@ -41,7 +41,7 @@ NO_PAIR = "Select two results in the gallery, then press Compare (Ctrl+D)."
 TIPS = (
     "Recordings, H, fits, reports, exports and volumes in a folder",
     "The quality reports of the gallery as curves over time, to see whether the setup drifts",
-    "The two results selected in the gallery",
+    "Comparison of the two results selected in the gallery",
 )
 
 

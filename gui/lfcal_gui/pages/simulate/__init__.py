@@ -6,7 +6,7 @@ from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, noth
 
 
 def state(project: ProjectState) -> PageState:
-    """Return the state of the page: whether there is a simulated H to compare with."""
+    """Return the state of the page: whether the project has an H to compare with."""
     return file_state(project.reference, ready=True)
 
 

@@ -378,7 +378,7 @@ class EffectPanel(QWidget):
         self.note = wrapped("hint", "This effect has no magnitudes. Its values are in the camera description.")
         self._typical = False
         self.form = MagnitudeForm()
-        self.stop_button = button("Stop", "Stop computing these images. The effect stays on", stop)
+        self.stop_button = button("Stop", "Stop computing these images. The effect keeps its setting", stop)
         inner = QWidget()
         parts = (self.title, self.why, self.form, self.note, self.formula, line(self.stop_button))
         column_of(*parts, of=inner).addStretch()

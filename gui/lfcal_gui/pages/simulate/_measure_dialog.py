@@ -14,7 +14,7 @@ from lfcal_gui.pages.simulate.model_measure import BeadPlan
 from lfcal_gui.widgets import button, column_of, heading, line, name_controls, scrolling, wrapped
 
 MEANING = "Each measurement determines the effects below it. Percentages: possible error of the image."
-USE = "Record these frames: make this the plan of the project, with the positions. Undo restores the previous plan"
+USE = "Make this the plan of the project, with the chosen positions, and open Record. Undo restores the previous plan"
 SAVE = "Save the plan and the list of its positions, for lfcal acquire"
 WHITE = "Compare the camera with a white image in Set up, and take the lattice that it shows"
 VALUES = "Select the largest of these effects, to enter its value"

@@ -45,7 +45,7 @@ FIELDS = _fields()
 """Fields of the three forms: always visible, folded for H, folded for frames."""
 
 WORTH = 0.85
-"""Largest relative time at which a faster setting is proposed; times are not measured more accurately."""
+"""Largest time of a proposed setting, relative to the setting in use; times are not measured more accurately."""
 
 CHOICES = ("auto", "on", "off")
 
@@ -113,9 +113,9 @@ class SimulateSettings(PageSettings):
 
     @classmethod
     def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
-        """Return the settings in ``data``, and the reasons for refused values; earlier projects have ``progressive``.
+        """Return the settings in ``data``, and the reasons for refused values, as `PageSettings.read` does.
 
-        See `PageSettings.read`.
+        Earlier projects contain ``passes`` instead of ``progressive``.
         """
         if isinstance(data, Mapping) and "passes" in data:
             data = {"progressive": data["passes"], **data}
@@ -220,7 +220,10 @@ def pattern_of(
     level: str,
     tolerance: float,
 ) -> Shot:
-    """Return the pattern of position ``place`` (z, y, x) as H has it, and how it is computed; one is at a time."""
+    """Return the pattern of H at position ``place`` (z, y, x); the title states how it was computed.
+
+    Only one pattern is computed at a time.
+    """
     from lfcal.simulate import PlaneResponse, budgeted
     from lfcal.simulate.accuracy import rung_label
 

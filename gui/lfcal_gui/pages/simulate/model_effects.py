@@ -36,8 +36,8 @@ class EffectRow:
     on, setting, reason
         Decision of the planner, choice of the user, and reason.
     share, upper_bound, size, formula
-        Estimated share of the image that is wrong without it, whether this is an upper bound, size with unit, and how
-        both were found.
+        Estimated error of the image without the effect, whether this is an upper bound, size with unit, and how error
+        and size were found.
     seconds_with, seconds_without
         Forecast of the cost of the whole plan with and without it (CPU-seconds).
     magnitudes
@@ -89,9 +89,10 @@ class EffectsVerdict:
     Attributes
     ----------
     unknown
-        Effects that the camera does not describe, largest first, as text; empty if there are none.
+        Effects that the camera does not describe, largest first, and effects that are not installed, as text; empty if
+        there are none.
     missing
-        The same effects with the measurements that determine them.
+        Effects that the camera does not describe, with the measurements that determine them.
     found, frames
         Decisions for H, and for the frames of a session.
     """

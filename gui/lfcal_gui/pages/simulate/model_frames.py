@@ -289,7 +289,7 @@ def influence_question(verdict: EffectsVerdict, row: EffectRow, position: tuple[
 
 
 class Influences:
-    """Computes influences one at a time; stores the newest results and the engine of the planned effects."""
+    """Compute influences one at a time; store the newest results and the engine of the planned effects."""
 
     def __init__(self, bench: FrameBench) -> None:
         self._kept: OrderedDict[InfluenceQuestion, InfluencePictures] = OrderedDict()
@@ -336,7 +336,10 @@ class Influences:
         )
 
     def _settled(self, asked: FrameQuestion) -> tuple[PlaneResponse, str]:
-        """Return the settled response of the planned effects, and its level before; settled once per plane."""
+        """Return the response of the planned effects with its sampling determined, and its level before that.
+
+        The sampling is determined once per plane.
+        """
         key = (asked.plan, asked.position[0], asked.effects, asked.level, asked.tolerance)
         if self._base is None or self._base[0] != key:
             response = _response(asked)
@@ -355,7 +358,7 @@ class Influences:
             pictures.append(picture)
         light = float(np.abs(pictures[True] - asked.planned.plan.camera.sensor.black_level).sum())
         changed = float(np.abs(pictures[True] - pictures[False]).sum()) / max(light, 1e-30)
-        words = f"{asked.planned.place()}: samples differ by {format_share(changed)} of those above black"
+        words = f"{asked.planned.place()}: the samples differ by {format_share(changed)} of the signal"
         axes = ("sensor column", "sensor row")
         return InfluencePictures(pictures[False], pictures[True], origin, axes, "sample value (counts)", words)
 

@@ -25,7 +25,7 @@ class BeadPlan:
     Attributes
     ----------
     measurement
-        What it measures.
+        Measurement for which the frames are recorded.
     scan
         The plan of the project with these depths only.
     made
@@ -50,11 +50,11 @@ class BeadPlan:
         return {Path(path): self.scan.to_json(), list_beside(path): self.made.listed.to_json()}
 
     def step(self, path: str) -> CommandStep:
-        """Return how the list of positions for the plan ``path`` is made."""
+        """Return the step that makes the list of positions for the plan ``path``."""
         return CommandStep.of(bead_task(self.measurement, path), ((path, self.scan.to_json()),))
 
     def changes(self, project: ProjectState, positions: Path) -> dict[str, Any]:
-        """Return the changes of the project that record these frames, and then fit the unknowns of the effects."""
+        """Return the changes of the project with which these frames are recorded and the effects are then fitted."""
         recorded = {"positions": str(positions), "extent": "whole", "target": "", "order": None}
         fitted = {"auto": False, "groups": self.measurement.unknowns}
         settings = dict(project.settings)

@@ -1,6 +1,6 @@
 """Watch: whether H is still valid for each frame of a series, and recalibration if it is not.
 
-- ``page``, ``panel``; ``model``: settings, the task, and rows of the table; ``step``: the same as a command
+- ``page``, ``panel``; ``model``: settings, the task, and rows of the table; ``step``: the task as a command
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class WatchSettings(PageSettings):
 
     @property
     def option_values(self) -> dict[str, Any]:
-        """Other fields of the task by name, as the record stores them."""
+        """Values of ``options`` by name, with the types of the fields of the task."""
         return options_in(Watch, dict(self.options))
 
     def usable(self) -> None:

@@ -89,7 +89,7 @@ class Page(BasePage):
         self._run("")
 
     def recalibrate(self, folder: str = "") -> None:
-        """Check the frames, recalibrate H after a drift, and write it to a folder; without one, ask for it."""
+        """Check the frames, recalibrate H after a drift, and write the new H to a folder (if empty, ask for one)."""
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the recalibrated H")
         if folder:
             self._run(folder)

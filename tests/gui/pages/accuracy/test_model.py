@@ -178,7 +178,7 @@ def test_a_point_that_cannot_be_used_says_so() -> None:
         assert refusal(planned, part, dtype="uint8"), part
     for part in ("planes", "averaging"):
         assert refusal(state, part) == "there is no scan plan."
-    assert refusal(state, "mine") == "the window has no setting for it."
+    assert refusal(state, "mine") == "the window has no setting for this part."
     for wrong in ({}, {"solver": "rl", "iterations": None}):
         assert refusal(state, "solvers", **wrong)
 

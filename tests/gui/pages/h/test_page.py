@@ -257,7 +257,7 @@ def test_a_reference_of_another_camera_warns(
     assert page.reference is not None and "another camera" not in page.hint.text()
     other = preset("r29" if camera != preset("r29") else "bench")
     context.project.update("other", camera=other)
-    assert "the reference was simulated for another camera" in page.hint.text() and told[-1] == ("simulate", True)
+    assert "the other H belongs to another camera" in page.hint.text() and told[-1] == ("simulate", True)
     context.project.update("back", camera=camera)
     assert "another camera" not in page.hint.text() and told[-1] == ("simulate", False)
     context.project.update("other", camera=other)
