@@ -1,7 +1,7 @@
 """Packages that load each of their names on first use.
 
 The module ``_face`` of a package imports its public names, and ``_shared`` imports names for use within lfcal. The
-code of both is parsed and never run: a name is imported from its module on first use, and nothing else is loaded. An
+imports of both are recorded, and none of them is carried out: a name is imported from its module on first use. An
 eager ``__init__`` would load the whole package for one name. It would also run while the import system holds the lock
 of the requested submodule. Two threads that begin with different submodules of a package would then wait for each
 other, and one of them would fail.
@@ -53,7 +53,7 @@ class _Package(ModuleType):
 
 
 class _Noted:
-    """Placeholder for a module while a face is parsed: states which module each name comes from."""
+    """Placeholder for a module while the code of a face is run; it records the module that each name comes from."""
 
     def __init__(self, module: str) -> None:
         self._module = module
@@ -74,7 +74,10 @@ def public_names(package: str) -> dict[str, tuple[str, str]]:
 
 @cache
 def _noted(face: str) -> dict[str, tuple[str, str]]:
-    """Return the imports of a face, parsed from its code; empty if there is no such module."""
+    """Return the imports of a face; empty if there is no such module.
+
+    The code of the face is run with a placeholder for each imported module, so that no module is loaded.
+    """
     spec = find_spec(face)
     if spec is None or spec.loader is None:
         return {}

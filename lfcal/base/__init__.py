@@ -5,8 +5,11 @@
 - ``files``, ``system``: atomic writing of files; calls that differ between operating systems
 - ``opencv``: OpenCV, checked
 - ``h5``, ``npy``: safe reading of HDF5 and NPY files of unknown origin, and writing of new ones
+- ``ome_zarr``: safe reading of OME-Zarr
 - ``progress``, ``threads``, ``registry``, ``compiled``: long work, processors, plug-ins, kernels
 - ``notes``: messages that long work reports while it runs
+- ``finding``, ``page``: problems found in data with their verdict, and HTML pages
+- ``window_libraries``: system libraries that the window needs
 - ``units``, ``_plain``, ``figures``, ``version``: numbers as text, plain values, plots, the version of lfcal
 """
 

@@ -52,7 +52,7 @@ _SPARED: dict[tuple[str, str], float] | None = None
 """Processor time (s) lost so far, by module and name of the kernel; None: kernels are always compiled."""
 
 _KEPT: dict[tuple[str, str], bool] = {}
-"""Whether a kernel has been compiled, here or by an earlier process, by its module and name."""
+"""Whether a kernel has been compiled by this process or an earlier one; the keys are module and name of the kernel."""
 
 
 class _Spent(threading.local):

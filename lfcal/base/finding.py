@@ -119,7 +119,7 @@ class Judgement:
     Attributes
     ----------
     data
-        Kind of data: "H", "session", "camera".
+        Kind of data, such as "H", "session" or "camera".
     findings
         All findings, the worst first. Findings rated ``"good"`` concern positions to record again; findings rated
         ``"unknown"`` explain why the quality is unknown.

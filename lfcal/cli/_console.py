@@ -28,7 +28,7 @@ __all__ = [
 R = TypeVar("R")
 
 KEPT = "complete units are kept"
-"""Note on an exception after which work is kept to resume, so that the last line does not deny it."""
+"""Note on an exception that ends a run whose complete units are kept; the last message then states this."""
 
 
 def report(message: str) -> None:

@@ -35,7 +35,7 @@ MARKS = ("register", "command", "show")
 
 @dataclass(frozen=True)
 class Listed:
-    """Entry in the list of commands; the module of its name registers the command itself."""
+    """Entry in the list of commands: name, module that defines the command, and summary."""
 
     name: str
     module: str

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["coding"]
 
 EQUAL = {"time": "time", "full_well": "full well"}
-"""Quantities that can be kept equal between single and coded frames, as named in the facts."""
+"""Quantities that are kept equal between single and coded frames: entries of the JSON output, and words for display."""
 
 TOLERANCE = 0.03
 """Tolerance of the simulated patterns; gains change far less."""
@@ -48,7 +48,7 @@ class _Plane(NamedTuple):
 
 def coding(
     context: typer.Context,
-    source: str = typer.Argument(help="H file, or a preset or camera file, for which patterns are simulated."),
+    source: str = typer.Argument(help="H file; or a preset or camera file, whose patterns are simulated."),
     *,
     points: int = typer.Option(7, min=2, max=255, help="Number of points in a block; their patterns overlap."),
     step: int = typer.Option(1, min=1, help="Distance between points, in source positions (px in the image)."),

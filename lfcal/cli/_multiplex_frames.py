@@ -248,7 +248,9 @@ def views(
     lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`, instead of --white."),
     camera: str | None = typer.Option(None, help="Preset or camera file that states the lattice, instead of --white."),
     out: Path = typer.Option(..., "--out", "-o", help="File to write: float32 TIFF, one page per view, by rows."),
-    size: int = typer.Option(0, min=0, help="Number of views along a side; 0: as many as fit the pitch."),
+    size: int = typer.Option(
+        0, min=0, help="Number of views along each axis; 0: the largest odd number that fits into the pitch."
+    ),
     dark: Path | None = typer.Option(
         None,
         help="Dark frame, or a folder of them to average, to subtract from frame and white image; default: the black "

@@ -61,7 +61,7 @@ WorkersOption: TypeAlias = Annotated[
 ]
 
 ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
-"""Option to replace existing files; without it, such a command ends at the start (see `lfcal.tasks.outputs`)."""
+"""Option to replace existing files; without it, a command that finds one ends at once (see `lfcal.tasks.outputs`)."""
 
 MatOrderOption: TypeAlias = Annotated[
     str,
@@ -113,7 +113,7 @@ Chi2Option: TypeAlias = Annotated[
 PresetOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
-        "--camera", help="Preset or camera file, from whose full well and noise chi^2 is computed; instead of --chi2."
+        "--camera", help="Preset or camera file, instead of --chi2: chi^2 is computed from its full well and its noise."
     ),
 ]
 

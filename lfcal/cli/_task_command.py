@@ -29,7 +29,7 @@ RUN = "Execution"
 
 
 def add_task(app: typer.Typer, tasks: TaskSet, show: Show, cls: Any = None) -> None:
-    """Add the command of a task to the app; ``show`` prints the result, and ``cls`` has subcommands."""
+    """Add the command of a task to the app; ``show`` prints the result, and ``cls`` is a class with subcommands."""
     name = tasks.name.split()[-1]
     # for a field that several kinds have, the first kind gives the help
     own = {row.name: row for kind in reversed(tasks.kinds) for row in rows(kind)}

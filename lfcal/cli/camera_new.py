@@ -85,7 +85,7 @@ def _begin(kind: str, start: str, values: dict[str, Any], *, ask: bool) -> Draft
 
 
 def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
-    """Ask for every geometric value that no option states; an answer is stated, Enter leaves the value assumed."""
+    """Ask for each geometric value that no option states; an answer is marked as stated, Enter leaves it assumed."""
     typer.echo(
         "Press Enter to keep the value in brackets; it is then marked as assumed. "
         "Lengths may have a unit: nm, um or mm."

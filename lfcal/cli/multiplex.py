@@ -152,7 +152,9 @@ def _lost(lost: dict[str, float]) -> str:
 def show(
     modulator: ModulatorArgument,
     *,
-    out: Path = typer.Option(..., "--out", "-o", help="File for the figure of pattern, spectrum, Sigma and Pi (.png)."),
+    out: Path = typer.Option(
+        ..., "--out", "-o", help="File for the figure of pattern, spectrum, and bases Sigma and Pi (.png)."
+    ),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -210,7 +212,7 @@ def merits(
 def map(
     modulator: ModulatorArgument,
     *,
-    reference: str = typer.Option(..., help="Modulator with the same samples that gains are relative to."),
+    reference: str = typer.Option(..., help="Modulator to which gains are relative; it must have the same samples."),
     out: Path | None = typer.Option(None, "--out", "-o", help="File for the map (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,

@@ -20,7 +20,7 @@ def command(
     workers: WorkersOption = None,
     resume: bool = typer.Option(False, "--resume", help="Continue an earlier run that was stopped or killed."),
     force: ForceOption = False,
-    show: bool = typer.Option(False, "--show", help="Only print the job, its input files, and its command."),
+    show: bool = typer.Option(False, "--show", help="Print the input files and the command of the job; do not run it."),
     json: JsonOption = False,
 ) -> None:
     """Run the task in a job file, or the task that made an H or volume file.

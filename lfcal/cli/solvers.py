@@ -7,7 +7,7 @@ from lfcal.cli._options import JsonOption
 
 
 def command(*, json: JsonOption = False) -> None:
-    """List the solvers of lfcal reconstruct, including those from other packages.
+    """List the solvers of `lfcal reconstruct`, including those from other packages.
 
     Example: `lfcal solvers`
     """

@@ -86,7 +86,7 @@ def command(
 
 
 def _inspection(place: Path, label: str) -> DatedInspection:
-    """Return the record of a session; for an H file, its metrics are measured now."""
+    """Return the inspection stored in a JSON file; for an H file, measure its metrics now."""
     from lfcal.judge import inspection_of, iter_inspect, read_inspection
 
     if place.suffix.lower() == ".json":

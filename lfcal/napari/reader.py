@@ -58,8 +58,8 @@ def read_layers(path: str | Path) -> list[Layer]:
     """Return the napari layers of an H or HT file, a session, or a volume; values are loaded when displayed.
 
     Planes are in the order of increasing depth; the metadata ``planes`` of a layer lists their indices in the file. For
-    an H file, a hidden layer with HT is added. A file with several regions of the field has one layer for each
-    region.
+    an H file, a hidden layer with HT is added. A file with several regions of the field has these layers for each of
+    them.
 
     Raises
     ------

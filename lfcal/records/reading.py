@@ -69,7 +69,7 @@ def read_pair(text: str) -> tuple[float, float]:
 
 
 def read_range(text: str) -> tuple[float, float]:
-    """Return two numbers, the smallest and the largest value, from a text such as ``"2,6"``; any order is accepted."""
+    """Return the two ends of a range from a text such as ``"2,6"``, in the order of the text."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
         raise InputError.expected(

@@ -4,7 +4,11 @@
 - ``sets``: all tasks by the names of their commands
 - ``text``: conversion of tasks to commands, Python and job files
 - ``assembly``: frames to H
-- ``transpose``, ``reduce``, ``export``, ``inspect``: H to HT, to a smaller file, to other programs, and its quality
+- ``transpose``, ``reduce``, ``export``: H to HT, to a smaller file, to files of other programs
+- ``inspect``: the quality of H
+- ``fit``, ``fit_validate``, ``fit_check``, ``fit_object``, ``fit_frames``: fits of a camera, their checks, and
+  recalibration with ordinary frames
+- ``depth``: one light-field frame to a depth map
 - ``reconstruct``: light-field frames to volumes, or the expected time and memory
 - ``simulate``: a camera to H or frames
 - ``target_frames``, ``cameras``, ``matrices``: inputs as tasks open them

@@ -98,7 +98,7 @@ class ObjectFrameReading:
     Attributes
     ----------
     plan
-        Scan with the camera.
+        Scan plan, which contains the camera.
     orientation, channel, recipe
         Operation that turns the frames upright, colour channel, and corrections.
     """

@@ -189,7 +189,10 @@ def is_matrix(path: Path) -> bool:
 
 @contextmanager
 def own_words(without: str = "") -> Iterator[None]:
-    """Remove from error messages the options that this command lacks (``without``), and meaningless positions."""
+    """Return a context that removes the text ``without`` and options of other commands from error messages.
+
+    If ``without`` is empty, the option to leave out damaged frames is named as one of ``lfcal assemble``.
+    """
     try:
         yield
     except LfcalError as error:
@@ -204,7 +207,7 @@ def own_words(without: str = "") -> Iterator[None]:
 
 
 def open_upright(path: Path, *, quiet: bool = False) -> PSFMatrix:
-    """Open the H of a file, which may also contain HT."""
+    """Open the H of a file; if the file contains HT, return the transpose of it."""
     matrix = open_matrix(path, quiet=quiet)
     return matrix.T if matrix.is_transposed else matrix
 
@@ -314,7 +317,7 @@ def assembled_first(source: Path, plan: Path | None, *options: str) -> str:
 
 
 def of_one_channel(source: Path, plan: Path | None, colours: Sequence[str]) -> str:
-    """Return the remedy for frames of several ``colours``: green, which has the most light, or the first."""
+    """Return the remedy for frames of several ``colours``: assemble green, which has the most light, or the first."""
     green = [name for name in ("G", "G1") if name in colours]
     return assembled_first(source, plan, "--channel", [*green, *colours][0])
 
@@ -398,9 +401,10 @@ def iter_upright_scan(
 def _iter_picked(
     source: Path, how: PatternReading, stack: ExitStack
 ) -> Work[tuple[PSFMatrix, dict[str, Any], list[list[int]]]]:
-    """Return corrected and cropped patterns of a folder of frames or a session, and the positions to hold out.
+    """Return patterns cropped from corrected frames, an entry for the provenance, and the positions to hold out.
 
-    All positions of a session chosen for a fit are used, unless their number is given.
+    ``source`` is a folder of frames or a session. All positions of a session chosen for a fit are used, unless their
+    number is given.
     """
     import numpy as np
 

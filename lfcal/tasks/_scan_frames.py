@@ -50,7 +50,7 @@ class ScanFrames:
 
     @property
     def beside(self) -> Path | None:
-        """Folder of the frames that a list refers to."""
+        """Folder of the list, if ``frames`` is a list of frames; None if it is not."""
         from lfcal.frames import TABLES
 
         return self.frames.parent if self.frames.suffix.lower() in TABLES else None
@@ -120,7 +120,7 @@ def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
 
 
 def _plans(frames: Path, plan: Path | None) -> list[Path]:
-    """Return the path of a plan: next to the frames, or one folder above, where lfcal simulate writes it."""
+    """Return the path ``plan`` if it is given, or else each ``plan.json`` next to the frames and one folder above."""
     folder = _folder(frames)
     return [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
 
@@ -144,7 +144,10 @@ def no_plan(folder: Path) -> InputError:
 
 
 def note_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
-    """Warn if frames do not show the whole sensor, which may be turned, or reduced to one colour of a mosaic."""
+    """Warn if the size of the frames differs from that of the sensor.
+
+    Frames may be turned. With ``channel``, they may also have half as many pixels along each side.
+    """
     from lfcal.frames import binned
 
     sizes = {shape, shape[::-1]}

@@ -254,7 +254,8 @@ class _Acquire(Task):
     )
     check_stage: bool | None = opt(
         None,
-        "Measure directions, scale and repeatability of the stage, also its scale in depth, before the scan.",
+        "Before the scan, measure the directions, the repeatability and the scale of the stage, including the scale in "
+        "depth.",
         label="Check the stage",
         empty="yes for a new session, else as before",
         more=True,
@@ -353,7 +354,7 @@ class _Acquire(Task):
         return next((value_at(self, row) for row in rows_of(self) if row.name == name), None)
 
     def _plan(self) -> Any:
-        """Return the plan, with the stage origin and axes if they are given."""
+        """Return the plan, with the stage origin of the task if it is given."""
         found: Any = read_plan(self.plan)
         if self.origin is None:
             return found
@@ -429,7 +430,7 @@ class _Acquire(Task):
         return list_suspects(self.out, outcome)
 
     def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
-        """Assemble H of the session; return the report."""
+        """Assemble H of the session; return facts about it by name."""
         (made,) = yield from self._assembly(out).work(run)
         with made.report.matrix as matrix:
             found = {"H": out, "shape": matrix.shape, "saturated_positions": made.report.saturated}
@@ -448,7 +449,7 @@ class _Acquire(Task):
         return (self.out,)
 
     def _iter_packed(self) -> Work[dict[str, Any]]:
-        """Compress the recordings; return the number of bytes saved."""
+        """Compress the recordings; return the number of bytes saved as the fact ``bytes_gained``."""
         from lfcal.acquire import iter_finish
 
         gained = 0

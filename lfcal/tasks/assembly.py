@@ -111,8 +111,9 @@ class Assembled(TaskResult):
 class AssemblyRun:
     """Settings for the assembly of one H.
 
-    ``choice`` is the executor, and ``reopening`` states how other processes open the frames. None: H is assembled
-    without units. ``workers`` is the number of threads. None: ``LFCAL_WORKERS``, or else one for each processor.
+    ``choice`` states how H is assembled in units. None: without units. ``reopening`` states how other processes open
+    the frames; it is needed only with units. ``workers`` is the number of threads. None: ``LFCAL_WORKERS``, or else one
+    for each processor.
     """
 
     choice: RunChoice | None = None

@@ -1,4 +1,4 @@
-"""Open the cameras of commands, presets or files, and report their assumed values once."""
+"""Load the camera of a preset or a file, and report its assumed and implausible values."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ def load_camera(
 ) -> Camera:
     """Return the camera of a preset or of a file in any known format, and report assumed and implausible values.
 
-    For a preset, nothing is reported. With ``light=False``, assumed values of light and noise are not reported, because
-    the result does not depend on them. Other assumed values are reported only at the paths ``only``, on which the
-    result depends. None: at all paths. For a camera without a lattice, ``without_lattice`` replaces ``only`` unless it
-    is None.
+    For a preset, nothing is reported. Set ``light=False`` if the result does not depend on light and noise; their
+    assumed values are then not reported. ``only`` contains the paths of the values on which the result depends; other
+    assumed values are not reported. None: all values are. For a camera without a lattice, ``without_lattice`` replaces
+    ``only`` unless it is None.
     """
     from lfcal.camera import PRESETS, preset
 

@@ -357,7 +357,7 @@ def _types(white: NDArray[np.float32], fit: LatticeFit, camera: Camera | None) -
 
 
 def _measured(matrix: PSFMatrix, camera: Camera | None, workers: int | None) -> Work[tuple[tuple[float, float], ...]]:
-    """Return depth and slope of each plane of H whose virtual depth can be measured in its patterns."""
+    """Return depth (µm) and slope of each plane of H whose virtual depth can be measured in its patterns."""
     from lfcal.judge import iter_inspect
     from lfcal.lattice import slope_of_virtual_depth
 
@@ -378,7 +378,10 @@ def _measured(matrix: PSFMatrix, camera: Camera | None, workers: int | None) -> 
 
 
 def _measured_points(matrix: PSFMatrix, camera: Camera, workers: int | None) -> Work[tuple[tuple[float, float], ...]]:
-    """Return depth and slope of each plane of the H of a Fourier light-field microscope: a frame of a point."""
+    """Return depth (µm) and slope of the planes of the H of a Fourier light-field microscope.
+
+    The slope is measured in the pattern of position (0, 0); planes without a measurable slope are left out.
+    """
     import numpy as np
 
     from lfcal.base import centre

@@ -107,7 +107,7 @@ class _Export(CopyTask):
         return iter_export(matrix, self.out, **self.options().given(), run=run)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ExportedFiles, ...]]:
-        """Write H in the format."""
+        """Write H in the format of this task."""
         from lfcal.psf import export_files, export_notes, opening_notes
 
         start, run, options = time.perf_counter(), run or RunSettings(), self.options()

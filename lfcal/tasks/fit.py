@@ -276,7 +276,7 @@ class FitMatrix(_Fit):
         return PatternReading(camera, self.positions, self.noise, self.plan)
 
     def _choice(self, run: RunSettings) -> RunChoice | None:
-        """Return how H is computed in units; for several H, the choice for the first applies to all."""
+        """Return the settings for computing all H of the fit in units; None if they are computed without units."""
         if self.hybrid or not self.write_h:
             given = next((name for name in ("executor", "scheduler", "resume") if getattr(run, name)), "")
             if given:
@@ -287,7 +287,7 @@ class FitMatrix(_Fit):
         return next((one for one in [run.choice(place) for place in self._places] if one is not None), None)
 
     def _check_folder(self) -> None:
-        """Raise `InputError` if an H of another fit would remain in the folder of this camera."""
+        """Raise `InputError` if files of another fit would remain in the folder of this fit."""
         from lfcal.fit import MODEL, NUMBERS
 
         matrix = self.out / MODEL

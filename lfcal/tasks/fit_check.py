@@ -110,7 +110,7 @@ class CheckMatrixByScan(CheckMatrix):
 
 
 def _iter_frames(H: PSFMatrix, source: Path, task: CheckMatrix, stack: ExitStack) -> Work[list[NewFrame]]:
-    """Return the frames of a file, a folder or a session, with the known positions of their sources."""
+    """Return the frames of a file, a folder or a session, with the positions of their sources if they are known."""
     from lfcal.acquire import NAME
     from lfcal.frames import corrected_view, named_orientation, open_unplaced, oriented
     from lfcal.judge import new_frames, plan_of

@@ -156,7 +156,10 @@ class Recalibrate(Task):
         return (Recalibrated(found=found, out=self.out, files=files),)
 
     def _steps(self, run: RunSettings) -> Path:
-        """Return the folder for finished steps, without those of an earlier run unless it is continued."""
+        """Return the folder for finished steps.
+
+        The steps of a stopped run are kept with ``resume`` and deleted with ``force``; otherwise they raise an error.
+        """
         from lfcal.work import discard, parts_folder
 
         found = parts_folder(self.out)
@@ -170,7 +173,7 @@ class Recalibrate(Task):
         return found
 
     def _plan(self) -> ScanPlan:
-        """Return the scan with the described camera."""
+        """Return the scan plan with the camera to start from."""
         from lfcal.judge import plan_of
 
         if self.psf is None:

@@ -50,7 +50,10 @@ class PredictObject(Task):
 
     fit: Path = required("Folder of a fit that contains its H.", argument=True, file="in")
     frame: Path = required("Frame of the known object.", argument=True, file="in")
-    scene: Path = required("Volume of the known object (.tif, .h5, .npy), with the depth planes of H.", file="in")
+    scene: Path = required(
+        "Volume of the known object (.tif, .h5, .npy), with the depth planes of H and the pixels of the frame.",
+        file="in",
+    )
     noise: tuple[float, float] | None = noise_field("as stated by the frame")
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
@@ -66,7 +69,7 @@ class PredictObject(Task):
         return (PredictedObject(compared=found),)
 
     def _read(self, H: Path) -> tuple[NewFrame, NDArray[np.float32]]:
-        """Return the frame of the object, corrected, and the object."""
+        """Return the corrected frame, and the volume of the object."""
         import numpy as np
 
         from lfcal.frames import corrected_view, open_unplaced

@@ -105,7 +105,7 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
         As in `lfcal.psf.open_psf`, but ignored unless the file is a ``.mat`` file, because a command passes it for all
         of its files; see `check_mat_files`.
     quiet
-        Whether to report nothing, as in worker processes, whose command has already reported it.
+        Whether to report nothing, as in worker processes, because the command has already reported it.
     """
     from lfcal.psf import open_psf
 

@@ -318,7 +318,10 @@ class PlanRecorded(_Plan):
 
 
 def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
-    """Report frames that are flipped or turned relative to the camera, which the path of their light cannot show."""
+    """Warn of frames that are flipped or turned relative to the camera.
+
+    The light moves over such frames as the stage axes of the plan describe, so that only the patterns show the error.
+    """
     from lfcal.campaign import find_turned_frames, seen_patterns
     from lfcal.frames.lists import place
 
@@ -425,7 +428,7 @@ class PlanScan(_PlanOfCamera):
         return (planned,)
 
     def _noise(self, plan: ScanPlan, peak: float) -> Work[tuple[float, ...] | None]:
-        """Return the expected noise of each plane of H; None, with a note, if the sensor is not described."""
+        """Return the expected relative rms noise of each plane; None, with a note, if sensor values are assumed."""
         from lfcal.camera import not_stated_for_noise
         from lfcal.simulate import iter_expected_light
 

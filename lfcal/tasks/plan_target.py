@@ -141,7 +141,7 @@ class _PlanTarget(PlanTask):
         return (planned,)
 
     def iter_planned(self, scan: ScanPlan) -> Work[TargetPlanned]:
-        """Plan the target for a scan, without reading or writing its files."""
+        """Plan the target for ``scan`` instead of the plan in the file, and write nothing."""
         from lfcal.targets import coding_verdict, planned_for_display
 
         self.field(scan)  # raises before the frames are chosen
@@ -160,7 +160,7 @@ class _PlanTarget(PlanTask):
         return self.planned(plan, verdict)
 
     def planned(self, plan: TargetPlan, verdict: CodingVerdict | None) -> TargetPlanned:
-        """Return a plan that lists the positions shown by its frames, and its cost."""
+        """Return ``plan`` with its cost, compared with that of a single point."""
         from lfcal.targets import facts_of_plan
 
         single, field = self.forecast(plan.scan), self.field(plan.scan)
@@ -224,7 +224,7 @@ class PlanTarget(_PlanTarget):
 
 @record
 class PlanDisplay(_PlanTarget):
-    """Plan the images that a display shows instead of a point source that is moved to the positions of a scan."""
+    """Plan the images of a display that replace the scan of a point source."""
 
     input_words: ClassVar[str] = "a display"
 

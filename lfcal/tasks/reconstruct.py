@@ -139,8 +139,9 @@ class Reconstructed(TaskResult):
 class ReconstructedBars(TaskResult):
     """Volume with error bars, and its files: the volume, its maps, and the table of regions.
 
-    ``tested`` is True if there are at least 10 replicates, and the intervals were tested with the same solver, number
-    of iterations and contrast of replicates. ``fitted`` states whether the uncertainty of a fit of H is included.
+    ``tested`` states whether the settings are those with which the intervals were tested: the default solver, number of
+    iterations and contrast, and at least 10 replicates. ``fitted`` states whether the uncertainty of a fit of H is
+    included.
     """
 
     bars: ErrorBars
@@ -160,7 +161,7 @@ class ReconstructedBars(TaskResult):
 
 @dataclass(frozen=True)
 class FittedFeatures(TaskResult):
-    """Beads and lines of a frame, and the files of the rest, of the maps of its uncertainty, and of the table."""
+    """Beads and lines fitted to a frame, and the files: the rest of the volume, its maps, and the table of features."""
 
     fit: FeatureFit
     files: tuple[Path, ...]
@@ -464,7 +465,7 @@ class _ReconstructUncertain(_ReconstructTo):
             raise InputError.expected("--fit", "H of one region", "--region", "leave one of them out")
 
     def _iter_changes(self, run: FrameRun, how: RunSettings) -> Work[Path | None]:
-        """Return the file with the changes of H along the axes of its uncertainty; compute it if necessary."""
+        """Write the changes of H along the principal axes of the fit; return the file, or None without a fit."""
         from lfcal.fit import iter_write_deviations
         from lfcal.work import RunChoice
 

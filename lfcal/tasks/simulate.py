@@ -57,8 +57,8 @@ MOST_DRIFT = 0.5
 class SimulationForecast(TaskResult):
     """Effects selected for the simulation of a plan, with the reason and the cost of each.
 
-    ``camera`` is the name of the preset or the path of the camera file, as given on the command line. ``engines`` are
-    the engines expected for the planes; empty once H or frames are simulated.
+    ``camera`` is the preset or the camera file to name in suggested commands. ``engines`` are the engines expected for
+    the planes; empty once H or frames are simulated.
     """
 
     plan: ScanPlan
@@ -566,7 +566,10 @@ def _note_plan(plan: ScanPlan, found: EffectSelection | None = None) -> None:
 
 
 def _warn(made: SimulatedH, *, finest: bool) -> None:
-    """Warn of planes that miss the requested accuracy, at the ``finest`` level or not, or lack light in the cutout."""
+    """Warn of planes that miss the requested accuracy, or whose cutout contains too little light.
+
+    ``finest`` states whether no more accurate level can be chosen.
+    """
     depths, errors, light = made.plan.depths_um, made.errors, made.light
     over = [z for z, error in enumerate(errors) if error > made.limit]
     if over:

@@ -146,7 +146,7 @@ class Task:
     resumes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check every field, including those of nested records; a text is converted to a path."""
+        """Check every field, including those of nested records; convert texts, for example to paths."""
         for row in rows(type(self)):
             if len(row.path) == 1:
                 object.__setattr__(self, row.name, row.value(value_at(self, row), row.name))

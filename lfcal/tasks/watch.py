@@ -100,7 +100,7 @@ class Watch(Task):
     recalibrate: bool = opt(
         False,
         "If H is no longer valid, recalibrate the camera on the first frames that show the drift, as lfcal fit frames "
-        "does. The camera and its H are written to the folder recalibrated in the output folder.",
+        "does. The camera and its H are written to the subfolder “recalibrated” of the output folder.",
         label="Recalibrate after a drift",
     )
     windows: int | None = windows_field("in which the frames are compared with H")
@@ -128,7 +128,7 @@ class Watch(Task):
         return (*super().files(way), self._h())
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Watched, ...]]:
-        """Measure the drift in each frame, or each average of ``mean`` frames, and write the files if requested."""
+        """Measure the drift in each frame or average of ``mean`` frames; recalibrate and write files if requested."""
         from lfcal.recalibrate import RECALIBRATED, iter_watch, iter_write_recalibration, write_watch
 
         setup, plan, contents = self._described()
@@ -185,7 +185,7 @@ class Watch(Task):
         return self.psf / MODEL if self.psf.is_dir() else self.psf
 
     def _described(self) -> tuple[Setup, ScanPlan, Contents | None]:
-        """Return the camera of H, its scan, and the contents of frames with which it was recalibrated."""
+        """Return the camera of H, its scan plan, and the assumptions about frames made in its recalibration, if any."""
         import numpy as np
 
         from lfcal.camera import NoLatticeError

@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 ATTEMPTS = 4
-"""Number of times that a unit is begun if its worker ends early."""
+"""Largest number of times that a unit is started if its worker ends early."""
 
 JOINING = "joining"
 """Event written when all units are done and the output is being written."""
@@ -285,7 +285,7 @@ class _Run:
         return next((k for k, share in enumerate(self.shares) if share < 1.0), len(self.shares))
 
     def _check_room(self) -> None:
-        """Raise if the disk cannot hold the remaining files, even if each is as small as the smallest so far.
+        """Raise `StorageError` if the remaining files, each as small as the smallest so far, do not fit on the disk.
 
         The error then comes as early as possible, and not hours later from a full disk.
         """

@@ -156,7 +156,7 @@ class _Child:
 def _words() -> list[str]:
     """Return the command that starts the child: Python with a script, or the command line of a bundled application.
 
-    Where another program contains Python (MATLAB, Blender), it would start that program; OSError then.
+    If Python runs within another program (MATLAB, Blender), that program would be started; OSError is raised then.
     """
     if getattr(sys, "frozen", False):
         own = Path(sys.executable)

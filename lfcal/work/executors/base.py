@@ -22,7 +22,7 @@ class EventKind(Enum):
     FAILED = "failed"
     """The task raised an error, and would raise it again."""
     LOST = "lost"
-    """The worker ended, or another program held the file: the unit may be tried again."""
+    """The worker ended, or a file could not be read or written: the unit may be tried again."""
 
 
 @dataclass(frozen=True, slots=True)
