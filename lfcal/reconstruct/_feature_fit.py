@@ -50,13 +50,13 @@ class Covariance:
     P
         Projector of H.
     weight
-        Inverse variance of the noise of each pixel ``(Y, X)``; 0: not used.
+        Inverse variance of the noise of each pixel ``(Y, X)``; 0 at pixels that are not used.
     rest
-        Standard deviation of the rest in units of ``contrast``, ``(nz, Y, X)``.
+        Standard deviation of the rest, divided by ``contrast``, ``(nz, Y, X)``.
     contrast
         Relative standard deviation of fluctuations of the rest.
     modes
-        Images ``(m, Y, X)`` whose outer products are added to the covariance; errors of H.
+        Images ``(m, Y, X)``; their outer products are added to the covariance, for errors of H.
     """
 
     def __init__(self, P: Projector, weight: F8, rest: F4, contrast: float, modes: F8) -> None:
@@ -81,7 +81,7 @@ class Covariance:
         return self._root * found
 
     def squares(self, image: F8) -> F8:
-        """Return the squares of ``image`` without the best prediction of the rest, in units of the noise."""
+        """Return the squares of ``image`` ``(Y, X)`` minus the predicted rest, divided by the noise variance."""
         # image - H G HT M^-1 image = V M^-1 image
         return np.divide(self.solve(image) ** 2, self._weight, out=np.zeros_like(image), where=self._weight > 0)
 
@@ -117,12 +117,12 @@ def _norm(scale: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FeatureImages:
-    """Images of the free parameters of a feature: derivatives of the frame, or their product with M^-1.
+    """Derivatives of the frame with respect to the free parameters of a feature, or M^-1 times these derivatives.
 
     Attributes
     ----------
     window
-        Pixels outside of which the images are 0, or are neglected.
+        Rows and columns; outside of them, the images are 0 or are neglected.
     images
         Images ``(k, rows, columns)`` within the window.
     """
@@ -204,7 +204,7 @@ class FeatureScene:
         return found[0], found[1]
 
     def iter_columns(self) -> Iterator[list[FeatureImages] | None]:
-        """Yield None after each projection, and finally the derivatives for every feature."""
+        """Yield None after each projection, and finally the derivatives of the frame for every feature."""
         images: list[list[F8]] = [[] for _ in self.shapes]
         windows = [self.window(k, 0.5) for k in range(len(self.shapes))]
         for group in self.groups(0.5):
@@ -225,7 +225,7 @@ class FeatureScene:
     ) -> Iterator[list[FeatureImages] | None]:
         """Yield None after each solution, and finally the products of ``columns`` with M^-1.
 
-        They are computed on the pixels of `window` with a reach of 1.5 cutouts, which contain what predicts the rest.
+        They are computed on the pixels of `window` with a reach of 1.5 cutouts, which are enough to predict the rest.
         """
         windows = [self.window(k, 1.5) for k in range(len(self.shapes))]
         images: list[list[F8]] = [[] for _ in self.shapes]
@@ -242,7 +242,10 @@ class FeatureScene:
         yield [FeatureImages(window, np.array(own)) for window, own in zip(windows, images, strict=True)]
 
     def moved(self, steps: F8, least: float) -> FeatureScene:
-        """Return the scene after ``steps`` of all free parameters, one after another; ``least`` is the brightness."""
+        """Return the scene after ``steps`` of the free parameters, given one feature after another.
+
+        ``least`` is the smallest brightness.
+        """
         sizes = np.cumsum([len(one.free) for one in self.shapes])[:-1]
         planes = self.P.volume_shape[0]
         parts = zip(self.shapes, np.split(steps, sizes), strict=True)
@@ -254,9 +257,9 @@ def _overlap(a: Window, b: Window) -> bool:
 
 
 def solution(weighted: Sequence[FeatureImages], columns: Sequence[FeatureImages]) -> F8:
-    """Return the matrix ``(n, n)`` from products of residuals with ``weighted`` to steps of all free parameters.
+    """Return the matrix ``(n, n)`` that maps products of a residual with ``weighted`` to steps of the free parameters.
 
-    If the arguments belong to the same parameters, this is the covariance of the parameters.
+    If both arguments are for the same values of the parameters, this is the covariance of the parameters.
     """
     matrix = np.block([[one.products(other) for other in columns] for one in weighted])
     scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
@@ -275,7 +278,7 @@ def misfits(
     """Yield None after each solution, and finally chi-square of each feature, and its largest expected value.
 
     The residual ``(Y, X)`` without the best step of all features, and without the best prediction of the rest, is
-    compared with what `DRAWS` random residuals leave. Pixels count by the light of the feature.
+    compared with what `DRAWS` random residuals leave. Pixels are weighted by the light of the feature.
     """
 
     def left(image: F8) -> F8:

@@ -15,7 +15,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 NARROWEST, WIDEST = 0.5, 6.0
-"""Limits of the standard deviation of a profile (voxels): a narrower one lies between the voxels' centres."""
+"""Limits of the standard deviation of a profile (voxels); a narrower one could miss the centres of the voxels."""
 
 BEYOND = 0.5
 """Distance beyond the first and last planes up to which H is extrapolated (planes)."""
@@ -30,10 +30,10 @@ LINE = ("brightness", "row", "column", "plane", "width", "end_row", "end_column"
 """Parameters of a line: those of a bead, with the position of one end, and the position of the other end."""
 
 STEPS = {"row": 0.05, "column": 0.05, "plane": 0.03, "width": 0.03, "end_row": 0.05, "end_column": 0.05}
-"""Steps for the derivatives of parameters."""
+"""Steps for numerical derivatives with respect to the parameters (voxels; planes for ``plane``)."""
 
 FARTHEST = {"row": 1.0, "column": 1.0, "plane": 0.5, "width": 0.3, "end_row": 1.0, "end_column": 1.0}
-"""Largest change of parameters in an iteration."""
+"""Largest change of each parameter in an iteration (voxels; planes for ``plane``)."""
 
 
 NODES = 4
@@ -41,9 +41,9 @@ NODES = 4
 
 
 def plane_weights(plane: float, planes: int, nodes: int = NODES) -> tuple[NDArray[np.intp], F8]:
-    """Return the indices of up to ``nodes`` planes, and their weights, that interpolate H between ``planes``.
+    """Return the indices and the weights of the planes from which H is interpolated at the fractional index ``plane``.
 
-    ``plane`` is a fractional index. The polynomial is that of Lagrange.
+    These are up to ``nodes`` of the ``planes`` planes. The weights are those of a Lagrange polynomial.
     """
     count = min(planes, nodes)
     first = min(max(round(plane - (count - 1) / 2), 0), planes - count)
@@ -105,7 +105,7 @@ class Shape:
         return BEAD if len(self.values) == len(BEAD) else LINE
 
     def changed(self, k: int, by: float) -> Shape:
-        """Return the shape with parameter ``k`` increased ``by`` this."""
+        """Return the shape with parameter ``k`` increased by ``by``."""
         values = list(self.values)
         values[k] += by
         return replace(self, values=tuple(values))
@@ -155,7 +155,7 @@ class Shape:
         return VolumePart(corner, light * weights[:, None, None] * profile, at)
 
     def interpolation_error(self, planes: int) -> VolumePart:
-        """Return the difference from a shape that is interpolated with one plane more, or less if there are no more.
+        """Return the change of the light when H is interpolated with one more plane (one less if there are no more).
 
         Between planes, interpolated patterns of H differ from true ones by about as much.
         """
@@ -169,7 +169,7 @@ class Shape:
         return VolumePart(corner, self.values[0] * weights[:, None, None] * profile, np.arange(planes))
 
     def derivative(self, k: int, planes: int) -> tuple[tuple[VolumePart, float], ...]:
-        """Return patches, each with a factor, whose sum is the derivative with respect to parameter ``k``."""
+        """Return patches with factors; their weighted sum is the derivative with respect to parameter ``k``."""
         if k == 0:
             return ((self.patch(planes, 1.0), 1.0),)
         step = STEPS[self.names[k]]

@@ -41,8 +41,8 @@ def frame_units(
 ) -> list[Unit]:
     """Return a unit for each frame; with ``warm``, each starts from the volume of the previous frame.
 
-    ``hints`` contain the memory that projections may use, and `device_hints`; ``recipe`` is the fastest method on this
-    computer.
+    ``hints`` contain the memory that projections may use, and `device_hints`. ``recipe`` is the projection method of
+    the run, as in `Projector.recipe`.
     """
     hints = {**hints, "alone": len(frames) == 1}
     shared = {"optics": optics.plain(), "choice": asdict(choice)}
@@ -113,7 +113,7 @@ def _save_nothing(out: Path, initial: NDArray[Any] | None, error: Exception, beg
 
 
 def _begun_from(file: str) -> NDArray[Any] | None:
-    """Return the start of a frame: the volume that the unit of the previous frame has written."""
+    """Return the volume that the unit of the previous frame has written, to start from; None if there is none."""
     return None if not file or _details(Path(file)).get("empty", False) else load_volume(file)
 
 
@@ -142,7 +142,7 @@ How = tuple[str, int, int, int, ArrayDevice | None]
 
 
 def device_hints(device: ArrayDevice | None, asked: str, processes: int) -> dict[str, Any]:
-    """Return the requested device ``asked`` for a run, and the memory that each process may use on it."""
+    """Return hints for units: the requested device, and the memory for each process there; empty without a device."""
     if device is None:
         return {}
     one = ":" in asked  # otherwise each worker uses one of them, chosen by its number

@@ -133,7 +133,7 @@ class SampleNoise:
         return cls(slope * choice.background + choice.read_noise**2, slope, choice.background, choice.saturation)
 
     def sampled(self, light: NDArray[Any], rng: np.random.Generator) -> NDArray[np.float32]:
-        """Return a frame ``(Y, X)`` of pixels with expected ``light`` (counts, at least 0, without background)."""
+        """Return a random frame ``(Y, X)`` for the expected ``light`` (counts, at least 0, without background)."""
         # the part of the background that has photon noise; the rest of the variance is that of the camera
         glow = min(self.background, self.floor / self.slope)
         expected = light.astype(np.float64) + glow
@@ -144,7 +144,7 @@ class SampleNoise:
         return self.limited(frame - self.background)
 
     def limited(self, light: NDArray[Any]) -> NDArray[np.float32]:
-        """Return ``light`` ``(Y, X)`` with the background, up to the saturation (counts)."""
+        """Return ``light`` ``(Y, X)`` plus the background, limited to the saturation (counts)."""
         frame = np.asarray(light + self.background, np.float32)
         return frame if self.saturation is None else np.minimum(frame, np.float32(self.saturation))
 
@@ -263,8 +263,8 @@ class Replicates:
         Returns
         -------
         list
-            The reconstruction and the object, with ``split`` followed by the reconstructions without noise and with
-            the exact H, each ``(nz, Y, X)`` with margin.
+            The reconstruction and the object, each ``(nz, Y, X)`` with margin. With ``split``, they are followed by
+            the reconstruction without noise and, if H is `uncertain`, by the one with the exact H.
         """
         rng = np.random.default_rng(key)
         drawn = model.draw(rng)

@@ -104,7 +104,7 @@ class UncertainH:
         return np.asarray(self.changes.forward_planes(planes), np.float64)
 
     def modes(self, volume: ArrayLike) -> NDArray[np.float64]:
-        """Return the change of the image of ``volume`` for one step along each axis, ``(axes, Y, X)``."""
+        """Return the change of the image of ``volume`` for one standard deviation along each axis, ``(axes, Y, X)``."""
         return np.array([self.change(volume, one) for one in np.eye(self.axes)])
 
     def __call__(self, rng: np.random.Generator) -> DrawnH:

@@ -1,4 +1,4 @@
-"""Reconstruct a frame with error bars, from files to files; the runs are units that can be continued after a stop."""
+"""Reconstruct a frame with error bars, from files to files, in work units so that a stopped run can be continued."""
 
 from __future__ import annotations
 
@@ -72,7 +72,10 @@ class RegionBox:
         return array[..., slice(*self.rows), slice(*self.columns)]
 
     def inner(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-        """Return where the part within the frame of ``shape`` (without margin) is, in the box and in the frame."""
+        """Return slices (rows, columns) of the part of the box inside the frame: first in the box, then in the frame.
+
+        ``shape`` is that of the frame without margin.
+        """
         within, there = [], []
         for (start, stop), size in zip((self.rows, self.columns), shape, strict=True):
             first, last = max(start, self.margin), min(stop, size + self.margin)
@@ -83,15 +86,15 @@ class RegionBox:
 
 @dataclass(frozen=True)
 class _PartModel(ObjectModel):
-    """Model of objects of which only the part in a ``box`` is used. None: all.
+    """Model of objects of which only the part in ``box`` is used. With None, the whole object is used.
 
-    They are drawn as a whole, because their longest details may be longer than the box.
+    Objects are always drawn as a whole, because fluctuations may be longer than the box.
     """
 
     box: RegionBox | None = None
 
     def draw(self, rng: np.random.Generator) -> NDArray[np.float32]:
-        """Return the part of an object."""
+        """Draw an object, and return its part in the box."""
         found = super().draw(rng)
         return found if self.box is None else self.box.cut(found)
 
@@ -109,7 +112,7 @@ class BarForecast:
     runs, iterations
         Number of reconstructions, and number of iterations of each.
     seconds
-        Predicted time (s), without the uncertainty of a fit.
+        Predicted time (s), without the additional time that the uncertainty of a fit takes.
     memory
         Predicted memory.
     """
@@ -288,7 +291,7 @@ def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[
 
 
 def _imaging(P: Projector, arguments: Mapping[str, Any], workers: int) -> UncertainH:
-    """Return H with the uncertainty that a unit states; it is shared by the units in a process."""
+    """Return H with its uncertainty from the file of changes of a unit; the units in a process share it."""
 
     def opened() -> tuple[UncertainH, ExitStack]:
         with ExitStack() as stack:
@@ -363,7 +366,7 @@ def _iter_joined(
 
 
 def _placed(bars: ErrorBars, volume: NDArray[np.float32], there: tuple[slice, slice]) -> ErrorBars:
-    """Return error bars of a whole ``volume``, whose maps are known only in the rows and columns ``there``."""
+    """Return the error bars of a whole ``volume``, with maps that are NaN outside the rows and columns ``there``."""
     maps: dict[str, Any] = {name: np.full(volume.shape, np.nan, np.float32) for name in MAPS}
     for name, values in maps.items():
         values[:, *there] = getattr(bars, name)
@@ -371,7 +374,7 @@ def _placed(bars: ErrorBars, volume: NDArray[np.float32], there: tuple[slice, sl
 
 
 def write_maps(bars: ErrorBars, run: FrameRun, out: Path, details: Mapping[str, Any], name: str = "volume") -> None:
-    """Write the volume, which has the ``name`` of a quantity, and its maps; the volume is the last."""
+    """Write the maps of ``bars`` and then its volume; ``name`` is the quantity that the volume's file states."""
     facts = VolumeFacts(run.projector.known_depths, voxel_um(run.matrices[0]), {})
     arrays = {name: bars.volume, **{one: getattr(bars, one) for one in MAPS}}
     for (one, values), path in reversed(list(zip(arrays.items(), bar_outputs(out, regions=False), strict=True))):

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 BLURS = (0.0, 1.0, 2.0, 4.0)
-"""Standard deviations of the Gaussians by which details and errors are compared at several scales (voxels)."""
+"""Standard deviations of the Gaussians that blur details and errors, to compare them at several scales (voxels)."""
 
 KNOWN = 0.3
 """Relative error of details (kappa) below which they are resolved."""
@@ -49,7 +49,7 @@ AVERAGING = 3.0
 """Standard deviation of the Gaussian over which kappa is averaged (voxels)."""
 
 NEAR = 1.5
-"""Standard deviation of the Gaussian over which the variance of a voxel is compared with that of its neighbours."""
+"""Standard deviation of the Gaussian over which the variance of neighbours is averaged (voxels)."""
 
 NEAR_WEIGHT = 4.0
 """Weight of the neighbours' variance, as a number of replicates.
@@ -175,7 +175,7 @@ class ErrorBars:
 
 
 def check_bars(choice: SolverChoice, what: str = "a reconstruction with error bars") -> None:
-    """Raise `InputError`, which names ``what`` is computed, unless ``choice`` fixes the number of iterations."""
+    """Raise `InputError` unless ``choice`` fixes the number of iterations; ``what`` is computed, for the message."""
     if choice.auto or choice.tolerance > 0:
         setting, given = ("iterations", "auto") if choice.auto else ("tolerance", str(choice.tolerance))
         raise InputError.expected(
@@ -223,7 +223,7 @@ def check_labels(labels: ArrayLike | None, shape: tuple[int, int, int]) -> NDArr
 def is_split(k: int, *, regions: bool, uncertain: bool) -> bool:
     """Return whether the errors of sums in replicate ``k`` (from 0) are split into noise, H and object.
 
-    This takes one more reconstruction, and two more if H is ``uncertain``. It requires ``regions``.
+    A split takes one more reconstruction, or two more if H is ``uncertain``. Without ``regions``, nothing is split.
     """
     return regions and k % (4 if uncertain else 3) == 0
 
@@ -282,7 +282,8 @@ class ErrorSums:
         quiet
             Reconstruction of the same object from a frame without noise. None: not computed.
         exact
-            The same with the exact H. None: ``quiet``, because H has no errors.
+            Reconstruction of the same object with the exact H, also without noise. None: H has no errors, and
+            ``quiet`` is used.
         """
         error = np.asarray(made, np.float32) - drawn
         detail = drawn - self._mean

@@ -36,14 +36,16 @@ def feature_outputs(out: Path) -> tuple[Path, ...]:
 
 
 def read_features(path: Path, depths: NDArray[np.float64]) -> tuple[Feature, ...]:
-    """Return the features of the table ``path``; other columns than `GIVEN` are ignored, and cells may be empty.
+    """Return the features in the table ``path``; columns other than `GIVEN` are ignored.
 
-    ``depths`` ``(nz,)`` are those of the planes of H (µm).
+    Cells may be empty, except those of ``row`` and ``column``. ``depths`` ``(nz,)`` are those of the planes of H (µm).
 
     Raises
     ------
     FileFormatError
-        If a column is missing, or a cell does not contain a number.
+        If a column is missing, a cell does not contain a number, or a position has only a row or only a column.
+    InputError
+        If a depth is more than half a plane beyond the planes.
     """
     table = read_table(path)
     missing = [name for name in GIVEN[:2] if name not in table.columns]
@@ -107,7 +109,7 @@ def iter_features(
     *,
     changes: Path | None = None,
 ) -> Work[FeatureFit]:
-    """Fit ``features`` to the frame of ``run``, and write the files of `feature_outputs`.
+    """Fit ``features`` to the frame of ``run``, write the files of `feature_outputs`, and return the fit.
 
     Parameters
     ----------
@@ -118,9 +120,9 @@ def iter_features(
     features
         Initial values. None: the beads that are visible in the volume.
     settings
-        Contrast of the rest, and seed, as in `iter_fit_features`.
+        Contrast of the rest, seed, and number of replicates, as in `iter_fit_features`.
     details
-        Additional entries of the volume's file.
+        Additional metadata to store in the files of the volume and of the maps.
     changes
         File of the changes of H along the axes of its uncertainty, as in `UncertainH.of`. None: H has no errors apart
         from its stated noise.
@@ -128,7 +130,7 @@ def iter_features(
     Raises
     ------
     InputError
-        If there are several frames, or the features do not fit the frame.
+        If there are several frames, the number of iterations is not fixed, or the features do not fit the frame.
     """
     targets_of(run.frames, out, None)  # checks the type of the file before anything is computed
     if len(run.frames) > 1:
@@ -158,7 +160,7 @@ COLUMNS = ("row", "column", "depth_um", "brightness", "width", "end_row", "end_c
 
 
 def _table(features: Sequence[FittedFeature]) -> str:
-    """Return a line for each feature as comma-separated values; uncertainties that are not valid are empty."""
+    """Return a line for each feature as comma-separated values; cells without a valid value are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["number", *(f"{pre}{name}" for name in COLUMNS for pre in ("", "sigma_")), "chi2", "limit"])

@@ -42,7 +42,7 @@ SMALL = 0.1
 """Steps smaller than this, in standard uncertainties, end the fit."""
 
 CARVED = 2.5
-"""Radius of the surroundings of a feature that the first rest is interpolated over, in standard deviations."""
+"""Radius around a feature within which the expected rest is interpolated, in standard deviations of its profile."""
 
 CARVED_MORE = 2.0
 """Addition to this radius for the blur of a reconstruction (voxels)."""
@@ -53,8 +53,8 @@ FILLING = 4.0
 SMOOTH = 2.0
 """Standard deviation of the Gaussian that smooths the expected rest (voxels).
 
-The noise of a reconstructed rest is that of the frame. A rest with it, but without its part below a feature, would
-leave residuals that the covariance of the rest does not contain.
+A reconstructed rest contains the noise of the frame, except where it is interpolated. Without smoothing, this noise
+would cause residuals that the covariance of the rest does not include.
 """
 
 ERROR_DRAWS = 8
@@ -76,9 +76,10 @@ class Feature:
     row, column
         Position of the bead, or of one end of the line, in the volume (voxels; 0 is the centre of the first).
     plane
-        Index of the depth plane, from 0; fractions are between planes. None: unknown; the brightest plane there.
+        Index of the depth plane, from 0; fractions are between planes. None: unknown; the fit starts in the plane
+        with the most light near the position.
     brightness
-        Sum over the voxels. None: unknown; from the reconstructed volume.
+        Sum over the voxels. None: unknown; the fit starts from that in the reconstructed volume.
     width
         Standard deviation of the profile (voxels), which is then fixed. None: unknown; it is fitted.
     end
@@ -138,7 +139,7 @@ class FeatureFit:
     notes
         Remarks on the frame and its noise.
     bars
-        The rest with its uncertainty, which includes that of the features. None: not computed.
+        The rest with its uncertainty, including the part due to errors of the features. None: not computed.
     """
 
     features: tuple[FittedFeature, ...]
@@ -150,8 +151,8 @@ class FeatureFit:
 def find_beads(volume: ArrayLike, most: int = 200) -> tuple[Feature, ...]:
     """Return the beads that are visible in a reconstructed volume, the brightest first.
 
-    A bead is a local maximum over its surroundings of 7 x 7 voxels in all planes, whose light stands out from these
-    surroundings.
+    A bead is the maximum of the smoothed volume within 7 x 7 voxels and over all planes. It must be clearly brighter
+    than the median of its surroundings (15 x 15 voxels).
 
     Parameters
     ----------
@@ -210,8 +211,8 @@ def iter_fit_features(
     features
         Initial values. None: the beads that `find_beads` finds in the reconstructed volume.
     choice
-        Solver for the rest, with a fixed number of iterations, and noise of the frame as in `iter_error_bars`. None:
-        60 iterations of ``rl-nesterov``.
+        Solver, with a fixed number of iterations (the rest takes a third of them), and noise of the frame as in
+        `iter_error_bars`. None: 60 iterations of ``rl-nesterov``.
     contrast
         Standard deviation of the relative brightness of details of the rest that its reconstruction does not show.
     weights
@@ -220,15 +221,15 @@ def iter_fit_features(
         Function that returns the projector of an H drawn from its uncertainty, as in `iter_error_bars`. Its
         deviations are included in the uncertainties. None: H is exact, apart from its stated noise.
     seed
-        Seed of the random numbers for expected misfits and errors of H.
+        Seed of the random numbers for expected misfits, errors of H, and replicates.
     replicates
         Number of random objects from which the uncertainty of the rest is estimated. 0: it is not estimated.
 
     Raises
     ------
     InputError
-        If the image, the weights or the features do not fit the projector, no bead is found, or the iterations stop
-        automatically.
+        If the image, the weights or the features do not fit the projector, no bead is found, or the number of
+        iterations is not fixed.
 
     Examples
     --------
@@ -268,7 +269,10 @@ fit_features = drained(
 
 
 def check_features(features: Sequence[Feature], planes: int, shape: tuple[int, ...]) -> None:
-    """Raise `InputError` if a feature is impossible in a volume of ``planes`` of ``shape`` ``(Y, X)``."""
+    """Raise `InputError` unless ``features`` are possible in a volume of ``planes`` planes of ``shape`` ``(Y, X)``.
+
+    There must be 1 to `MOST` features, and beads must be at least `APART` voxels apart.
+    """
     if not 0 < len(features) <= MOST:
         got = f"{len(features)} features" if features else "no bead that is visible in the volume"
         raise InputError.expected(
@@ -452,9 +456,9 @@ class _Fit:
             yield self._clock.at(min(self._done, self._clock.total))
 
     def _residual(self, scene: FeatureScene, rest: F4, image: F4 | None = None) -> tuple[F8, F8]:
-        """Return frame minus expected frame, and the inverse variance of the noise, ``(Y, X)`` each; 0 if unused.
+        """Return frame minus expected frame, and the weight (inverse variance) of each pixel, ``(Y, X)`` each.
 
-        ``image`` is another frame (None: that of the run).
+        Both are 0 at pixels that are not used. ``image`` is the frame (None: that of the run).
         """
         light = np.maximum(np.asarray(self._P.forward(rest + scene.volume()), np.float64), 0)
         variance = self._noise.floor + self._noise.slope * light + scene.variance() + self._extra
@@ -467,9 +471,10 @@ class _Fit:
         return np.where(weight > 0, frame - noise.background - light, 0), weight
 
     def _variance_of_h(self, volume: F4) -> F8 | float:
-        """Return the variance ``(Y, X)`` of the image of ``volume`` that is due to the recorded noise of H; 0: none.
+        """Return the variance ``(Y, X)`` of the image of ``volume`` due to the noise of H; 0 if the noise is unknown.
 
-        It is that before the reduction of the noise, whose bias is of the same size as the noise that it removes.
+        It is computed for the recorded H, because reducing the noise causes a bias as large as the noise that it
+        removes.
         """
         noise = self._P.noise
         if noise is None:
@@ -492,7 +497,7 @@ class _Fit:
         return Covariance(self._P, weight, spread, self._contrast, modes)
 
     def _modes(self, imaging: Imaging, volume: F4) -> F8:
-        """Return images ``(m, Y, X)`` whose outer products are the covariance that errors of H cause."""
+        """Return images ``(m, Y, X)``; the sum of their outer products is the covariance that errors of H cause."""
         if isinstance(imaging, UncertainH):
             return imaging.modes(volume)
         rng, expected = np.random.default_rng(self._seed), self._P.forward(volume)
@@ -500,7 +505,7 @@ class _Fit:
         return np.array(drawn, np.float64) / math.sqrt(ERROR_DRAWS)
 
     def _features(self, scene: FeatureScene) -> list[Feature]:
-        """Return the present values of the features, without margin."""
+        """Return the current values of the features, in voxels of the volume without margin."""
         found, by = [], self._margin
         for one in scene.shapes:
             light, row, column, plane, width, *end = one.values
@@ -526,7 +531,7 @@ class _Fit:
 
 
 def depth_at(plane: float, depths: F8) -> tuple[float, float]:
-    """Return the depth at a fractional index of a plane, also beyond the planes, and its increase per plane."""
+    """Return the depth at a fractional plane index, also beyond the planes, and the increase of the depth per plane."""
     if len(depths) == 1:
         return float(depths[0]), 0.0
     k = min(max(math.floor(plane), 0), len(depths) - 2)
@@ -535,7 +540,7 @@ def depth_at(plane: float, depths: F8) -> tuple[float, float]:
 
 
 def _around(one: Feature, shape: tuple[int, ...], margin: int) -> NDArray[np.bool_]:
-    """Return the voxels ``(Y, X)`` near a feature."""
+    """Return a mask ``(Y, X)``, True at the voxels near a feature."""
     y, x = np.indices(shape) - margin
     down, across = (0.0, 0.0) if one.end is None else (one.end[0] - one.row, one.end[1] - one.column)
     length = down**2 + across**2
@@ -546,7 +551,7 @@ def _around(one: Feature, shape: tuple[int, ...], margin: int) -> NDArray[np.boo
 
 
 def _expected_rest(volume: F4, masks: Sequence[NDArray[np.bool_]]) -> F4:
-    """Return ``volume`` ``(nz, Y, X)``, interpolated over ``masks`` ``(Y, X)`` from their surroundings, and smooth."""
+    """Return ``volume`` ``(nz, Y, X)`` smoothed, and interpolated over ``masks`` ``(Y, X)`` from their surroundings."""
     near = np.any(masks, axis=0)
     far = blurred(np.where(near, 0, 1)[None], FILLING)
     light = np.maximum(volume, 0)
@@ -555,7 +560,7 @@ def _expected_rest(volume: F4, masks: Sequence[NDArray[np.bool_]]) -> F4:
 
 
 def _initial(one: Feature, light: F4, planes: int, margin: int) -> Shape:
-    """Return a feature with initial values; ``light`` ``(nz, n)`` is that of the voxels near it."""
+    """Return a feature with initial values; ``light`` ``(nz, n)`` is the light of the voxels near the feature."""
     plane = float(light.sum(axis=1).argmax()) if one.plane is None else one.plane
     brightness = float(light.sum()) if one.brightness is None else one.brightness
     width = USUAL_WIDTH if one.width is None else one.width

@@ -55,7 +55,7 @@ class FrameFile:
         Name of the frame.
     file, page
         Image file, and number of the page in it; or folder of a session, and number of the frame in the order of
-        recording. Both are counted from 0.
+        recording. Both numbers start at 0.
     time_s
         Time of recording since the start of the session (s); None if the frame is from an image file.
     """
@@ -211,7 +211,7 @@ LONG = (".ome.tif", ".ome.tiff", ".ome.zarr")
 """Suffixes of two parts."""
 
 Save = Callable[[str, "NDArray[Any] | None", Mapping[str, Any]], None]
-"""Function of the name of a frame, its volume (None: there is none), and its details."""
+"""Function that saves a volume: it takes the name of the frame, the volume (None: there is none), and metadata."""
 
 Saved = Callable[[], AbstractContextManager[Save]]
 """Context manager that provides a `Save` function; files of several volumes are complete at its end."""
@@ -236,7 +236,7 @@ def targets_of(frames: Sequence[FrameFile], out: Path, suffix: str | None) -> di
 
 
 def related(out: Path, ending: str, suffix: str = "") -> Path:
-    """Return the path of a file next to the volume ``out``: its name with ``ending``, and its own or another suffix."""
+    """Return the path of a file next to ``out``, with ``ending`` after its name, and the same or another suffix."""
     own = "".join(out.suffixes[-2:]) if out.name.lower().endswith(LONG) else out.suffix
     return out.with_name(out.name[: len(out.name) - len(own)] + ending + (suffix or own))
 

@@ -93,7 +93,7 @@ class Resampling:
         period: tuple[int, int],
         lattice_anchor: Pair = (0.0, 0.0),
     ) -> Resampling:
-        """Return the map from frames of ``shape`` to a whole-pixel period that keeps as much of the frame as possible.
+        """Return the map from frames of ``shape`` to a whole-pixel period; it keeps as much of the frame as possible.
 
         Parameters
         ----------

@@ -88,7 +88,7 @@ VERSION = "0.4"
 """Version of the OME-Zarr layout."""
 
 LFCAL_KEY = "lfcal"
-"""Attribute of the folder for metadata outside the layout: depth of every plane, and details."""
+"""Attribute of the folder for metadata outside the layout, such as the depth of every plane and the details."""
 
 MOST_LABELS = 1 << 24
 """Largest label of a region: the largest integer up to which float32 represents all."""
@@ -188,7 +188,7 @@ def _known(facts: VolumeFacts) -> dict[str, Any]:
 
 
 def _facts(own: Mapping[str, Any], details: Mapping[str, Any]) -> VolumeFacts:
-    """Return the facts with the names of `KNOWN` in ``own``, by the order of the volume."""
+    """Return the `VolumeFacts` from the results of `_said`, with the depths in the order of the volume."""
     depths, voxel, origin, times = (None if own.get(name) is None else np.asarray(own[name], float) for name in KNOWN)
     rest = dict(details)
     if depths is not None and (stored := rest.pop(STORED, None)) is not None:

@@ -26,7 +26,7 @@ SOURCES = 128
 
 
 def direct_bytes(grid: Grid, sources: tuple[int, int], itemsize: int) -> int:
-    """Return the smallest working memory: a lattice row, and placed patterns of ``sources`` (rows, columns)."""
+    """Return the smallest working memory (bytes): a lattice row, and placed patterns of ``sources`` (rows, columns)."""
     (ny, nx), (nt, ns) = grid.period, grid.cutout
     together = min(sources[0], math.ceil(SOURCES / sources[1]))
     height, width = nt + math.ceil(together * ny / sources[0]), nx + ns - 1
@@ -73,7 +73,7 @@ class DeviceDirect(DeviceEngine):
         return (np.ascontiguousarray(trim(plane)),), None
 
     def add(self, total: Any, operand: DeviceOperand, plane: Any) -> Any:
-        """Return the image, before the mask."""
+        """Return ``total`` plus the image of a volume plane, before the mask."""
         image = self.image_of(operand.arrays[0], self._by_row_phase(self.packed(plane)))
         return image if total is None else total + image
 
@@ -132,7 +132,7 @@ class DeviceDirect(DeviceEngine):
         return xp.reshape(cells, (ny, cells_y * cells_x, nx))
 
     def _padded_shape(self, patterns: Any) -> tuple[int, int]:
-        """Return the size of an image that contains every window, in whole cells as they are folded."""
+        """Return the shape of an image that contains every window, rounded up to whole cells."""
         (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, patterns.shape[2:]
         return (cells_y + -(-(nt + ny) // ny) + 1) * ny, (cells_x + -(-(nx + ns - 1) // nx)) * nx
 
@@ -179,7 +179,7 @@ class DeviceDirect(DeviceEngine):
         yield from ((k, min(k + step, cells_y)) for k in range(0, cells_y, step))
 
     def _folded(self, windows: Any) -> Any:
-        """Return the rows of the image that are the sum of windows ``(cells_y, cells_x, height, width)``."""
+        """Return rows of the image: the sum of overlapping windows ``(cells_y, cells_x, height, width)``."""
         xp, (ny, nx), (down, across, height, width) = self.device.xp, self.grid.period, windows.shape
         reach_y, reach_x = -(-height // ny), -(-width // nx)
         columns = self.device.zeros((down, reach_y * ny, across + reach_x, nx), self.dtype)

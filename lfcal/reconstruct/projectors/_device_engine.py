@@ -38,7 +38,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class DeviceOperand:
-    """One prepared plane: ``arrays`` on the processor or on the device, with facts about them."""
+    """One prepared plane: ``arrays`` on the device if ``there``, else on the processor, with facts about them."""
 
     arrays: tuple[Any, ...]
     nbytes: int

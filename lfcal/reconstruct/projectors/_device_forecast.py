@@ -101,7 +101,7 @@ def _wait(device: ArrayDevice, array: Any) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """Cost of one method: seconds to prepare and to project in both directions, operand and work memory."""
+    """Cost of one method: seconds to prepare and to project in both directions; operand and work memory (bytes)."""
 
     method: str
     prepare_s: float
@@ -123,7 +123,8 @@ def device_forecast(
     Raises
     ------
     InputError
-        If devices do not support the method, or the device has too little memory for one plane and the work arrays.
+        If devices do not support the method, the device has too little memory for one plane and the work arrays, or
+        ``memory_limit`` is too small.
     """
     known = ("auto", *ON_DEVICES)
     if method not in known:
@@ -162,7 +163,10 @@ def device_forecast(
 def _placed(
     option: _Option, problem: ProjectionProblem, rates: DeviceRates, free: int, memory_limit: int
 ) -> tuple[Cost, DeviceUse]:
-    """Return the memory that an option uses on the processor and on the device, which stores planes if possible."""
+    """Return the cost of an option with its memory on the processor, and its memory on the device.
+
+    The device stores the planes if they fit.
+    """
     once = option.operand_bytes // problem.planes
     kept = option.operand_bytes + option.least_bytes <= free
     there = option.operand_bytes if kept else 2 * once
@@ -277,7 +281,10 @@ def engine_on(
     common: tuple[np.dtype[Any], int, NDArray[np.bool_] | None],
     tolerance: float,
 ) -> DeviceEngine:
-    """Return the engine of a forecast for ``device``; ``common``: sample type, threads, image phases in use."""
+    """Return the engine of a forecast for ``device``.
+
+    ``common`` contains the data type, the number of threads, and the image phases in use.
+    """
     assert chosen.device is not None
     placement = Placement(device, chosen.device.kept, chosen.device.room)
     (dtype, workers, phases), name = common, chosen.chosen.method

@@ -18,7 +18,7 @@ __all__ = ["DevicePolyphase", "band_bytes"]
 
 
 def band_bytes(plan: TilePlan, rows: int, itemsize: int) -> int:
-    """Return the working memory of rows of tiles: windows, spectra and products, with reals of ``itemsize`` bytes."""
+    """Return the working memory (bytes) of ``rows`` rows of tiles, with real numbers of ``itemsize`` bytes."""
     tiles = rows * plan.x.count
     windows = plan.y.length * plan.x.length * tiles * plan.grid.phases * itemsize
     spectra = plan.frequencies * tiles * plan.grid.phases * 2 * itemsize
@@ -73,7 +73,7 @@ class DevicePolyphase(DeviceEngine):
         return found
 
     def image(self, total: list[Any]) -> Any:
-        """Return the image of its spectra."""
+        """Return the image from its spectra of all bands."""
         cells = [self._valid(spectrum, band) for spectrum, band in zip(total, self.bands, strict=True)]
         return self._plane(self._all_phases(self.device.xp.concat(cells, axis=1)))
 

@@ -44,7 +44,7 @@ class DeviceReduced(DeviceEngine):
         return (patterns, *arrays), (operand.spacing, slices)
 
     def add(self, total: Any, operand: DeviceOperand, plane: Any) -> Any:
-        """Return the image, before the mask."""
+        """Return ``total`` plus the image of a volume plane, before the mask."""
         spacing, slices = operand.facts
         if slices is None:
             return self.whole.add(total, operand, plane)
@@ -127,7 +127,7 @@ def spread(device: ArrayDevice, nodes: Nodes, values: Any, dtype: np.dtype[Any])
 
 
 def _carried(xp: Any, device: ArrayDevice, sums: Any) -> Any:
-    """Return ``(cells, m, n)`` of sums ``(cells, m + 1, n)``: the last ones belong to the next cell's first node."""
+    """Return ``(cells, m, n)`` of sums ``(cells, m + 1, n)``; the last of each cell goes to the first of the next."""
     nothing = xp.zeros((1, 1, sums.shape[2]), dtype=sums.dtype, device=device.place)
     first = sums[:, :1, :] + xp.concat([nothing, sums[:-1, -1:, :]], axis=0)
     return xp.concat([first, sums[:, 1:-1, :]], axis=1)

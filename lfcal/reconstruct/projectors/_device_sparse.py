@@ -25,7 +25,7 @@ ROWS, EVEN = 64, 0.85
 
 
 def sparse_bytes(grid: Grid, itemsize: int) -> int:
-    """Return the smallest working memory: a row of the lattice in all shifts, and the values of one entry per row."""
+    """Return the smallest working memory (bytes): a lattice row in all shifts, and the values of one entry per row."""
     (cells_y, cells_x), (ry, rx), n = grid.cells, grid.reach, grid.phases
     padded = (cells_y + 2 * ry) * (cells_x + 2 * rx)
     shifted = (2 * ry + 1) * (2 * rx + 1) * cells_x
@@ -67,12 +67,12 @@ class DeviceSparse(DeviceEngine):
         return (*ahead[0], *back[0]), (ahead[1], back[1])
 
     def add(self, total: Any, operand: DeviceOperand, plane: Any) -> Any:
-        """Return the image's values by phase, ``(phases, cells)``."""
+        """Return ``total`` plus the values by phase of the image of a volume plane, ``(phases, cells)``."""
         found = self._sums(operand.arrays[:3], operand.facts[0], self._spread(plane))
         return found if total is None else total + found
 
     def image(self, total: Any) -> Any:
-        """Return the image of values by phase."""
+        """Return the image ``(Y, X)`` from its values by phase."""
         (ny, nx), (cells_y, cells_x), xp = self.grid.period, self.grid.cells, self.device.xp
         cells = xp.permute_dims(xp.reshape(total, (ny, nx, cells_y, cells_x)), (2, 0, 3, 1))
         return self.grid.unpack(xp.reshape(cells, (cells_y * ny, cells_x * nx)))
@@ -141,7 +141,7 @@ class DeviceSparse(DeviceEngine):
         return parts[0] if len(parts) == 1 else xp.concat(parts, axis=1)
 
     def _shifted(self, values: Any, first: int, stop: int) -> Any:
-        """Return rows of the lattice shifted all ways, ``(shifts * phases, cells)``."""
+        """Return rows of the lattice with all shifts, ``(shifts * phases, cells)``."""
         _, (_, cells_x), (ry, rx) = self._sizes()
         xp, n = self.device.xp, self.grid.phases
         ways = [(dy, dx) for dy in range(2 * ry + 1) for dx in range(2 * rx + 1)]

@@ -30,11 +30,14 @@ __all__ = [
 Array = NDArray[Any]
 
 LANES = 1024
-"""Largest number of lattice positions summed in one run: each run reads the entries again, and nine share the cache."""
+"""Largest number of lattice positions summed in one run; each run reads the entries again.
+
+Nine arrays of this length, the sums and eight inputs, fit into the cache.
+"""
 
 
 class Tiling(NamedTuple):
-    """Place of the windows of lattice cells on the image: cell (Y, X) at row + Y period_y, X period_x."""
+    """Place of the windows on the image: that of lattice cell (Y, X) starts at (row + Y period_y, X period_x)."""
 
     row: int  # first image row of the cells in row 0 of the lattice
     cells_x: int  # cells per row of the lattice
@@ -97,7 +100,8 @@ def gather_windows(windows: Array, image: Array, tiling: Tiling, first: int) -> 
 def lay_patterns(patterns: Array, rows: Array, columns: Array, band: Array) -> None:
     """Place patterns ``(ky, kx, nt, ns)`` into windows ``(ky, kx, any, any)``, starting at their rows and columns.
 
-    ``rows`` (ky,) may be negative, and patterns may extend beyond the last row. Nothing is written outside patterns.
+    ``rows`` (ky,) may be negative, and patterns may extend beyond the last row. In the columns of a pattern, other rows
+    are set to 0; other columns are not written.
     """
     ky, kx, nt, ns = patterns.shape
     for j in range(ky):

@@ -94,7 +94,7 @@ class PositionFFT:
 
 
 class OnePatternFFT(PositionFFT):
-    """Project with one FFT for each plane, for an H of one position as that of a Fourier light-field microscope.
+    """Project with one FFT for each plane, for an H of one position, such as that of a Fourier light-field microscope.
 
     The transforms of H are kept. Rows that are zero, or not needed, are not transformed.
     """
@@ -147,5 +147,5 @@ class OnePatternFFT(PositionFFT):
 def position_fft(
     grid: Grid, dtype: np.dtype[Any], workers: int | None = None, phases: NDArray[np.bool_] | None = None
 ) -> PositionFFT:
-    """Return the FFT method for a grid; there is a faster one for a single position."""
+    """Return the FFT engine for a grid: `OnePatternFFT` if the period is a single position, else `PositionFFT`."""
     return (OnePatternFFT if grid.period == (1, 1) else PositionFFT)(grid, dtype, workers, phases)

@@ -51,7 +51,7 @@ def _threaded(run: Callable[[int], Any], workers: int) -> float:
 def gemm_seconds(m: int, k: int, n: int, dtype: str, workers: int, *, turned: bool = False) -> float:
     """Return the time of one real product ``(m, k) @ (k, n)`` (s) while all workers compute products.
 
-    ``turned``: the right factor is a transposed view.
+    With ``turned``, the right factor is a transposed view.
     """
     scale = max(1, (m * k + k * n + m * n) // LIMIT)
     n_run = max(1, n // scale)
@@ -65,8 +65,8 @@ def gemm_seconds(m: int, k: int, n: int, dtype: str, workers: int, *, turned: bo
 def product_seconds(phases: int, pixels: int, dtype: str, workers: int, *, turned: bool = False) -> tuple[float, float]:
     """Return (a, b) of ``a + b * columns``: seconds of one complex product ``(columns, phases) @ (phases, pixels)``.
 
-    ``turned``: for ``(phases, pixels) @ (columns, pixels).T``, as in the adjoint. It is measured over more matrices
-    than fit in the caches, as in a projection.
+    With ``turned``, the product is ``(phases, pixels) @ (columns, pixels).T``, as in the adjoint. The time is measured
+    over more matrices than fit in the caches, as in a projection.
     """
     count = max(2, min(4096, 2 * LIMIT // 5 // (phases * pixels)))
     stacks = [np.ones((count, phases, pixels), dtype) for _ in range(workers)]

@@ -58,7 +58,7 @@ class AxisNodes:
 
     @cached_property
     def after(self) -> Ints:
-        """Number of the node after each position, ``(period,)``; 0 is that of the next period."""
+        """Number of the node after each position, ``(period,)``; 0 is the first node of the next period."""
         return (self.before + 1) % len(self.at)
 
     @cached_property
@@ -154,7 +154,7 @@ def source_places(period: tuple[int, int], nodes: Nodes | None) -> tuple[Ints, I
 
 
 def _carried(sums: NDArray[Any]) -> NDArray[Any]:
-    """Return ``(cells, m, n)`` of sums ``(cells, m + 1, n)``: the last ones belong to the next cell's first node."""
+    """Return ``(cells, m, n)`` of sums ``(cells, m + 1, n)``; the last of each cell goes to the first of the next."""
     found = sums[:, :-1].copy()
     found[1:, 0] += sums[:-1, -1]
     return found
@@ -205,7 +205,7 @@ def residual_entries(
     pattern
         ``(nt, ns)``.
     nodes, corners
-        Patterns of nodes, ``(any, nt, ns)``, and the surrounding ones.
+        Patterns of nodes, ``(any, nt, ns)``, and the nodes around the position.
     tolerance
         Largest sum of omitted magnitudes, relative to that of the pattern.
     rest

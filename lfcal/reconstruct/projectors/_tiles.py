@@ -27,7 +27,7 @@ class AxisTiles:
     count
         Number of tiles; a single tile needs zero padding on only one side.
     half
-        Keep only the non-negative half of the spectrum (real data).
+        Whether only the non-negative half of the spectrum is kept (real data).
     """
 
     cells: int

@@ -1,4 +1,7 @@
-"""Windows of lattice cells on an image, moved by kernels, or for little work by numpy; arguments are the kernels'."""
+"""Copy and add windows of lattice cells on an image, by kernels or, for little work, by numpy.
+
+The arguments are those of the kernels.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,8 @@ def _places(windows: Array, tiling: Tiling, first: int) -> Iterator[tuple[slice,
 def place_patterns(patterns: Array, rows: Array, columns: Array, band: Array) -> None:
     """Place patterns ``(ky, kx, nt, ns)`` into windows ``(ky, kx, any, any)``, starting at their rows and columns.
 
-    ``rows`` (ky,) may be negative, and patterns may extend beyond the last row. Nothing is written outside patterns.
+    ``rows`` (ky,) may be negative, and patterns may extend beyond the last row. In the columns of a pattern, other rows
+    are set to 0; other columns are not written.
     """
     ky, kx, nt, ns = patterns.shape
     if not kernels.lay_patterns.spared(WINDOW_S * ky * kx):

@@ -157,7 +157,7 @@ class _Part:
     weight: NDArray[Any] | None
 
     def seen(self, planes: Iterator[tuple[int, NDArray[Any]]]) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Yield volume planes times the weights of this region."""
+        """Yield the indices of volume planes, and the planes in the window times the weights of this region."""
         for z, plane in planes:
             own = plane[self.window]
             yield z, own if self.weight is None else own * self.weight
@@ -198,7 +198,7 @@ class FieldProjector(Projector):
     >>> left = PSFMatrix(np.full((1, 5, 5, 3, 3), 1 / 9), anchor=(8, 0))
     >>> right = PSFMatrix(np.full((1, 5, 5, 3, 3), 2 / 9), anchor=(8, 20))
     >>> light = FieldProjector([left, right], (20, 25)).adjoint(np.ones((20, 25)))
-    >>> light[0, 10, [2, 12, 22]].round(3).tolist()  # at the middle of the left region, between, and of the right one
+    >>> light[0, 10, [2, 12, 22]].round(3).tolist()  # middle of the left region, between, middle of the right one
     [1.0, 1.5, 2.0]
     """
 

@@ -16,7 +16,7 @@ __all__ = ["Grid", "anchor_pixel"]
 Pair = tuple[int, int]
 
 FARTHEST = 1e9
-"""Largest distance of an anchor from the image (pixels); farther away, even its period would be uncertain."""
+"""Largest magnitude of the coordinates of an anchor (pixels); larger values are certainly mistakes."""
 
 
 def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:

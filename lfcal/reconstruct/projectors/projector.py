@@ -247,7 +247,7 @@ class Projector:
         return self if self.noise is None else self._reading(noise_seed=seed)
 
     def part(self, rows: slice, columns: slice) -> Projector:
-        """Return a projector for the part of images and volumes in these ``rows`` and ``columns`` (with both ends)."""
+        """Return a projector for a part of images and volumes; both slices must have a start and a stop."""
         (row, column), shape = self._grid.anchor, (rows.stop - rows.start, columns.stop - columns.start)
         made = Projector(
             self._reader.H,

@@ -183,7 +183,7 @@ class EmOptions(EmUpdates):
     model_noise: ModelNoise | None = None
 
     def __post_init__(self) -> None:
-        """Check names, ranges and what excludes what."""
+        """Check names and ranges, and refuse options that exclude each other."""
         if self.rule not in ("richardson-lucy", "isra"):
             raise InputError.expected("update rule", "richardson-lucy or isra", repr(self.rule), "choose one of these")
         check_acceleration(self.acceleration)
@@ -251,7 +251,7 @@ class _Part:
     mask: NDArray[np.bool_] | None
     sensitivity: NDArray[Any]
     matched: NDArray[Any] | None
-    """HT f for ISRA."""
+    """HT(w f), for ISRA only."""
 
 
 @dataclass
@@ -378,7 +378,7 @@ def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions)
 
 
 def penalised(name: str, title: str, penalty: Callable[..., Penalty], rank: int) -> Solver:
-    """Return the solver function of Richardson-Lucy with a penalty, whose weight is the requested strength."""
+    """Return the `Solver` for Richardson-Lucy with a penalty; its option ``strength`` is the weight of the penalty."""
     iterate = partial(_iter_penalised, penalty=penalty)
     return Solver(name, title, iterate, EM | {"strength"}, rank=rank, volumes=(3, 4), settles=True)
 
@@ -496,7 +496,7 @@ def _iterate(
 
 
 def _compared(part: _Part, volume: NDArray[Any], data: Measurement) -> tuple[NDArray[Any], float, GoodnessOfFit]:
-    """Return the model ``(Y, X)`` of a volume, the value below which it is rounding, and the goodness of fit."""
+    """Return the model ``(Y, X)`` of a volume, the value below which it is only rounding error, and the fit."""
     P = part.projector
     model = P.forward(volume) + data.background
     floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
@@ -506,7 +506,7 @@ def _compared(part: _Part, volume: NDArray[Any], data: Measurement) -> tuple[NDA
 def _shortened(
     part: _Part, previous: NDArray[Any], volume: NDArray[Any], model: NDArray[Any], data: Measurement
 ) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """Return the volume of highest likelihood between two volumes, its model, and the value of rounding errors.
+    """Return the most likely volume between two volumes, its model, and the size of rounding errors of models.
 
     ``model`` is the model of ``volume``. Because models are linear in the volume, only ``previous`` is projected.
     """
@@ -553,7 +553,7 @@ def _update(
     steep = None if options.penalty is None else options.penalty.gradient(volume)
 
     def one(z: int) -> tuple[float, float]:
-        """Update a plane in an array that is no longer needed, to save memory, and return its light."""
+        """Update a plane in an array that is no longer needed; return its light without and with stretching."""
         share = below[z]
         if steep is not None:
             # a steep gradient could make the denominator negative or tiny, so limit the growth to a factor of ten.

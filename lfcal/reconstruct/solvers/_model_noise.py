@@ -91,7 +91,8 @@ class ModelNoise:
     ) -> NDArray[Any]:
         """Return data divided by model ``(Y, X)``, both with the variance of H, and accumulate the misfit.
 
-        ``mask`` selects the pixels of the model (None: all). Values of the model below ``floor`` are rounding errors.
+        ``mask`` selects the pixels that count for the misfit (None: all). Values of the model below ``floor`` are
+        rounding errors.
         """
         own = self.variance(volume) / model.dtype.type(self.gain)
         spread = np.maximum(model + own, floor)

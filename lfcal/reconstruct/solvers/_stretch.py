@@ -33,13 +33,13 @@ FADING = 0.9
 """Factor on the strength from one iteration to the next."""
 
 LEAST = 0.3
-"""Smallest such factor, however far the last step was beyond the maximum."""
+"""Smallest additional factor, for last steps that ended far beyond the maximum."""
 
 IDLE = 0.2
 """Strength below which updates are not lengthened any more, to save time."""
 
 HALVINGS = 8
-"""Accuracy of the position of the maximum, as a fraction of the step."""
+"""Number of bisections in the search for the maximum, which is then known to 1/256 of the step."""
 
 STEEPEST = 3.0
 """Largest change of the logarithm of a factor by lengthening."""
@@ -67,9 +67,10 @@ class Stretch:
     first: float = FIRST
 
     def apply(self, z: int, factor: NDArray[Any], seen: NDArray[np.bool_], strength: float) -> NDArray[Any]:
-        """Return the stretched update ``(Y, X)`` of plane ``z``: times ``exp(strength (l - mean l))``, l its logarithm.
+        """Return the stretched update ``(Y, X)`` of plane ``z``: ``factor`` times ``exp(strength (l - mean l))``.
 
-        ``seen`` marks voxels with an update; the others are unchanged.
+        Here l is the logarithm of ``factor``, and its mean is over `window`. ``seen`` marks voxels with an update; the
+        others are unchanged.
         """
         logs = np.zeros_like(factor)
         np.log(np.maximum(factor, math.exp(-STEEPEST)), out=logs, where=seen)

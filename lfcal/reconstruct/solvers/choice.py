@@ -386,6 +386,6 @@ def _iter_noted(work: SolverWork, note: str) -> SolverWork:
 
 
 def _iter_cropped(work: SolverWork, margin: int) -> Generator[SolverProgress, None, Reconstruction]:
-    """Run ``work`` and return its volume without margin; states include the margin, to continue from."""
+    """Run ``work`` and return its volume without margin; states keep the margin, so that a run can continue."""
     result = yield from work
     return replace(result, volume=cropped(result.volume, margin))

@@ -49,7 +49,10 @@ def check_counts(read_noise: float, saturation: float | None) -> None:
 
 @dataclass(frozen=True, slots=True)
 class GoodnessOfFit:
-    """Residual and likelihood of a model image, and the likelihood of its held-out pixels, as in `SolverProgress`."""
+    """Residual and likelihood of a model image, and likelihood of the held-out pixels with its standard deviation.
+
+    The fields are those of `SolverProgress`.
+    """
 
     residual: float
     likelihood: float

@@ -163,8 +163,8 @@ def progress_of(
 ) -> SolverProgress:
     """Return the record of the iteration that ended in ``state``, for a run of ``total`` iterations.
 
-    ``held_out`` is the pair (`held_out`, `held_out_error`) of `SolverProgress`, and ``method`` is its ``stage``. The
-    other arguments are its attributes with the same names.
+    ``held_out`` is the pair (`held_out`, `held_out_error`) of `SolverProgress`, and ``method`` is the ``stage`` of the
+    record. The other arguments are the attributes with the same names.
     """
     return SolverProgress(
         done=state.iteration,

@@ -3,8 +3,8 @@
 Near the native plane, the patterns of all points behind a lenslet are almost identical, and their differences are
 mostly errors of H. In these planes, Richardson-Lucy reconstructs the lenslets. The method of sieves (Snyder & Miller
 1985) seeks ``g = S s`` with non-negative s and a Gaussian S, ``s <- s / (S HT1) * S HT(f / (H S s + b))``. The
-likelihood is that of H and the volume fits the image, unlike methods that smooth the volume after each iteration. A
-Gaussian does not cause ringing, and details below its width are not reconstructed. In other planes, the Gaussian is
+likelihood is that of H, and the volume fits the image; with smoothing after each iteration, it does not. A Gaussian
+does not cause ringing, and details below its width are not reconstructed. In other planes, the Gaussian is
 half a voxel wide and rejects noise finer than the grid. Near the native plane, the part of the updates that repeats
 from lenslet to lenslet is removed (`repeating`), because a wrong H has the same effect.
 

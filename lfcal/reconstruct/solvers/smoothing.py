@@ -22,7 +22,7 @@ beads is within a tenth of that with Richardson-Lucy, and 0.23 of a repeating pa
 
 
 FINE = 0.5
-"""Standard deviation of a sieve in every other plane (voxels); finer details than the grid are noise."""
+"""Smallest standard deviation of a sieve in any plane (voxels); details finer than the grid are noise."""
 
 
 def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:

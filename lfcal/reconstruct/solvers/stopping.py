@@ -39,7 +39,7 @@ from lfcal.reconstruct.solvers.records import (
 __all__ = ["GOALS", "MOST_ITERATIONS", "STOPS", "held_out_pixels", "iter_until_best", "iter_until_noise", "misfit"]
 
 MOST_ITERATIONS = 100
-"""Default number of iterations of a run that stops automatically."""
+"""Default limit for the iterations of a run that stops automatically."""
 
 STOPS = ("left-out", "discrepancy")
 """Criteria that can end a run that stops automatically: held-out pixels, or the sensor's noise."""
