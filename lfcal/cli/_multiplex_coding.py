@@ -60,7 +60,7 @@ def coding(
     depth: float | None = typer.Option(
         None, help="With a camera: depth of the simulated plane (µm), instead of its virtual depth."
     ),
-    code: str = typer.Option("S", help="Code: S (S-matrix), random, or single."),
+    code: str = typer.Option("S", help="Code: S (S-matrix), random, or single (one point per frame)."),
     frames: int | None = typer.Option(
         None, min=1, help="Number of frames of a random code; default: the number of points."
     ),
@@ -96,7 +96,7 @@ def coding(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Report whether lighting several points together reduces noise, as the gain of each entry of H.
+    """Report whether lighting several points together reduces noise: the gains of bright and dark entries of H.
 
     Example: `lfcal multiplex coding H.h5 --points 7 --signal 300 --display 1920x1080@8 --patterns code -o gain.png`
     """

@@ -45,8 +45,8 @@ DeviationOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         "--deviation",
-        help="File for the standard deviation of each sample, in units of the noise of one pixel if no sensor is "
-        "given.",
+        help="File for the standard deviation of each sample, in counts; in units of the noise of one pixel if no "
+        "camera or sensor gives the weights.",
     ),
 ]
 
@@ -142,7 +142,7 @@ def recover(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Recover the samples of any modulator; saturated and dead pixels are left out, others weighted by noise.
+    """Recover the samples behind any modulator; --camera and --mask leave out saturated and dead pixels.
 
     Example: `lfcal multiplex recover hdr.tif --modulator nd:1,0.25/0.25,0.0625 --camera r29 -o radiance.tif`
     """

@@ -57,12 +57,12 @@ def search(
     starts: int = typer.Option(
         6, min=0, help="Number of random masks per noise level; each is followed by six modified ones."
     ),
-    out: Path | None = typer.Option(None, "--out", "-o", help="File for a plot of the frontier (.png)."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for a plot of the gains of all candidates (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Search filter sets or masks for the best gain at a camera's chi^2.
+    """Search for the filter set or mask with the largest gain at a given chi^2, or at that of a camera.
 
     Example: `lfcal multiplex search 7 --camera r29 -o masks.png`
     """
@@ -141,7 +141,7 @@ def design(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Find the filters or the mask with the largest gain that can be manufactured, with a bound on what is possible.
+    """Find the filters or the mask with the largest gain among those that can be manufactured, and an upper bound.
 
     Example: `lfcal multiplex design 2x2 --camera r29 --crosstalk 0.05 --kinds 3`
     """
@@ -221,7 +221,7 @@ def figures(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Draw figures 3, 5, 6 and 7 of the paper, and the modulators.
+    """Draw figures 3, 5, 6 and 7 of Ihrke et al. (CVPR 2010), and the modulators.
 
     Example: `lfcal multiplex figures pictures/ --camera r29`
     """

@@ -29,7 +29,11 @@ def command(
     depths: str = typer.Option(
         "", help="Depths of the planes (µm, or with a unit), positive away from the camera: a,b,c or start:stop:step."
     ),
-    virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B: a,b,c or start:stop:step."),
+    virtual_depths: str = typer.Option(
+        "",
+        help="Virtual depths of the planes, each the distance of its image from the lenslets divided by the gap: a,b,c "
+        "or start:stop:step.",
+    ),
     cutout: str = typer.Option(
         "", help="Size of the cutout, odd: 181 or ROWS,COLUMNS (px); default: from the geometry."
     ),

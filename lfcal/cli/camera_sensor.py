@@ -35,7 +35,9 @@ def command(
     figure: Path | None = typer.Option(
         None, "--figure", help="File for a plot of the photon-transfer curve (PNG, PDF, SVG)."
     ),
-    out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured sensor as JSON."),
+    out: Path | None = typer.Option(
+        None, "-o", "--out", help="Write the camera with the measured sensor as JSON; needs --camera."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,

@@ -81,7 +81,9 @@ def compare(
     monte_carlo: int = typer.Option(
         0, min=0, help="Number of simulated super-pixels on which the gain is also measured; 0: none."
     ),
-    out: Path | None = typer.Option(None, "--out", "-o", help="File for a plot of the gain over chi^2 (.png)."),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="File for a plot of the gain as a function of chi^2 (.png)."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -158,7 +160,7 @@ def show(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Draw a modulator: its pattern, spectrum and both bases.
+    """Draw a modulator: its pattern, its spectrum, and the matrices Sigma and Pi.
 
     Example: `lfcal multiplex show MURA:11 -o mura.png`
     """
@@ -218,7 +220,7 @@ def map(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Show the gain of each sample (band, colour, view) over chi^2.
+    """Show the gain of each sample (band, colour or view) as a function of chi^2.
 
     Example: `lfcal multiplex map bands:CM/YG:3 --reference bands:RG/GB:3 -o map.png`
     """

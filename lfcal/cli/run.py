@@ -16,7 +16,12 @@ from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 def command(
     job: Path = typer.Argument(help="Job file (.toml, .json), or an H or volume file (.h5) to make again."),
     *,
-    out: Path | None = typer.Option(None, "--out", "-o", help="File to write instead of the one that the job names."),
+    out: Path | None = typer.Option(
+        None,
+        "--out",
+        "-o",
+        help="File to write instead of the one that the job names; required if JOB is an H or volume file.",
+    ),
     workers: WorkersOption = None,
     resume: bool = typer.Option(False, "--resume", help="Continue an earlier run that was stopped or killed."),
     force: ForceOption = False,

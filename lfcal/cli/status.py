@@ -24,7 +24,7 @@ def command(
 ) -> None:
     """Show the progress of a long run: its units, what is under way and on which worker, and what failed and why.
 
-    For a recorded session it shows what is safe on the disk; for one of a target, also which phases its frames show.
+    For a recorded session, show how many positions are safe on the disk; for a target, also which phases are covered.
 
     Example: `lfcal status H.h5`
     """

@@ -23,7 +23,7 @@ def command(
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Check every frame of a session, or every plane and the format of an H file, against stored checksums.
+    """Compare every frame of a session, or every plane of an H file, with its checksum, and check the file format.
 
     Exit code 0: everything is intact; 1: something is damaged; 2: it cannot be checked.
 

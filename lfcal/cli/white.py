@@ -42,7 +42,9 @@ def command(
     ),
     mask: MaskOption = None,
     types: bool = typer.Option(True, help="Find the three lens types, if the camera has them."),
-    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for lattice.json, residuals and camera.json."),
+    out: Path | None = typer.Option(
+        None, "-o", "--out", help="Folder for lattice.json, residuals and, with --camera, camera.json."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,

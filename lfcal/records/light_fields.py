@@ -143,8 +143,8 @@ class ProjectionSettings:
     )
     within: float = opt(
         0.0,
-        "Largest fraction of the light that projections may omit. 0.005 is several times faster; 0 is exact.",
-        label="Light missed",
+        "Largest relative L1 error of projections. 0.005 is several times faster; 0 is exact.",
+        label="Projection error",
         at_least=0,
         below=1,
         read=read_share,

@@ -133,7 +133,7 @@ class Opt:
 
         ``default`` is the default value as text; empty: not stated. Choices that a function returns are left out.
         """
-        choices = ", ".join(self.choices) if isinstance(self.choices, tuple) else ""
+        choices = ", ".join(filter(None, self.choices)) if isinstance(self.choices, tuple) else ""
         notes = [part for part in (self.unit, self.range_words, choices, default and f"default: {default}") if part]
         return self.help + (f" ({'; '.join(notes)})" if notes else "")
 

@@ -40,7 +40,11 @@ SOLVER_ENDS = {"auto": "left-out", "auto:discrepancy": "discrepancy"}
 
 
 def _named(name: str) -> str:
-    return opt(name, "Solver. The command lfcal solvers lists all solvers.", label="Solver", flag="--solver")
+    words = (
+        "Solver. The command lfcal solvers lists all solvers. With error bars, beads or lines, the default is "
+        "rl-nesterov with 60 iterations."
+    )
+    return opt(name, words, label="Solver", flag="--solver")
 
 
 @record

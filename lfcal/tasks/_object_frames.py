@@ -31,7 +31,8 @@ def turn_field() -> str:
     """Declare the field ``orientation`` of a task that reads frames of unknown objects."""
     return opt(
         "as-is",
-        "How to turn the frames upright. The orientation cannot be inferred from frames of unknown objects.",
+        "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
+        "mirror-y, transpose, anti-transpose. Frames of unknown objects do not show their orientation.",
         choices=_turns,
         read=read_orientation,
     )

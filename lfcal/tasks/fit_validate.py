@@ -123,7 +123,7 @@ class ValidateFitByFrames(ValidateFit):
     """Predict recorded points that were not fitted.
 
     The error of each point is written into the folder of the fit. For a fit of several regions, give the source of
-    each; its name must be that of the region.
+    each region; the name of the source must be that of the region.
 
     Examples
     --------

@@ -100,7 +100,7 @@ class _Plan(PlanTask):
     )
     virtual_depths: str | tuple[float, ...] = opt(
         (),
-        "Depth planes, given by the virtual depths v = a/B of their images behind the main lens: a,b,c or "
+        "Virtual depths of the planes, each the distance of its image from the lenslets divided by the gap: a,b,c or "
         "start:stop:step.",
         label="Virtual depths",
         read=read_virtual_depths,

@@ -55,7 +55,10 @@ def depths_field(empty: str) -> tuple[float, ...]:
 
 def virtual_depths_field(empty: str) -> tuple[float, ...]:
     """Declare the field ``virtual_depths`` of a task on a scan; ``empty`` states what applies if it is not set."""
-    words = "Virtual depths v = a/B of the planes: a,b,c or start:stop:step."
+    words = (
+        "Virtual depths of the planes, each the distance of its image from the lenslets divided by the gap: a,b,c or "
+        "start:stop:step."
+    )
     return opt((), words, read=read_virtual_depths, show=show_planes, empty=empty)
 
 

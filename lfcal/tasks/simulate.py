@@ -239,8 +239,8 @@ class _Simulate(Task):
     level: str = opt(
         "auto",
         "Model of light propagation, from fast to accurate. geometric: rays. wave: waves from each lenslet "
-        "separately. grid, microscope: waves from all lenslets together. reference: the most accurate. auto: "
-        "the fastest that keeps the tolerance.",
+        "separately. grid (main lens), microscope (objective): waves from all lenslets together. reference: the most "
+        "accurate. auto: the fastest that keeps the tolerance.",
         choices=LEVELS,
     )
 
