@@ -15,7 +15,7 @@ UNITS = ("seconds", "bytes", "frames")
 """Units in which the cost of accuracy is measured."""
 
 SHOWN = {"seconds": ("s", 1.0), "bytes": ("MB", 1e6), "frames": ("", 1.0)}
-"""Unit on the axis of a chart, and its size in units of the cost."""
+"""By unit of the cost: the unit on the axis of a chart, and its size in units of the cost."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,11 +23,13 @@ PATTERN_BYTES = 16 << 20
 """Largest size of the sample of single patterns with their whole cutout (bytes)."""
 
 TOLERANCE, EFFECTS_TOLERANCE = 0.1, 0.02
-"""Tolerance of the computation of samples and of their effects. Their appearance matters rather than the last per cent,
-but rays instead of waves would leave their dark pixels empty."""
+"""Tolerances of the computation of samples and of their effects.
+
+Samples need not be accurate to the last per cent, but rays instead of waves would leave their dark pixels empty.
+"""
 
 LONGEST_WAVES = 6.0
-"""Predicted CPU-seconds of a sample up to which it is simulated with the effects it needs; above, by rays."""
+"""Predicted processor time of a sample (s) up to which it may be simulated by waves; above, by rays."""
 
 REFERENCE = 20.0
 """Duration of the reference relative to its estimate for the planner, fitted to the presets."""

@@ -85,7 +85,7 @@ ENDS = {
     "used up": "no further positions can be recorded, but the target error of H is not reached",
     "incomplete": "the model is incomplete: more patterns do not reduce the error of H",
 }
-"""Meaning of each way in which the session can end."""
+"""Meaning of each way in which the session can end without the user."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -452,7 +452,7 @@ class _Campaign:
         return "incomplete" if not now.complete and _gained_nothing(steps) else ""
 
     def whole(self, last: Outcome | None) -> Outcome:
-        """Return how the recording ended, summed over all of its runs."""
+        """Return the outcome of the recording, with the duration and the notes of all of its runs."""
         how = self.ended if last is None else last.how
         there = (self._folder / "session.json").exists()
         count = len(self._recorded()) if there else 0

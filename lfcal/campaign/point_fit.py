@@ -219,7 +219,7 @@ class _Holes:
         return cls(setup.hole_um, 0.0 if setup.hole_um > 0.5 * least else least, fitted=True)
 
     def put(self, setup: Setup, um: float | None = None) -> Setup:
-        """Return a setup with holes of this diameter."""
+        """Return a setup with holes of diameter ``um`` (µm). None: the diameter `um` of this object."""
         size = self.um if um is None else um
         return setup.with_effect(FiniteSource(size)) if size > 0 else setup
 
@@ -384,7 +384,7 @@ def iter_fit_points(
     Raises
     ------
     InputError
-        If the points do not fit such a camera, or are too few.
+        If no camera of this kind explains the points, or there are too few points.
     """
     check_stage(stage)
     measured = measured_points(source, points, parts, most=most)

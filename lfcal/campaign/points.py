@@ -186,7 +186,7 @@ def _of_frame(source: FrameSource, plan: TargetPlan, k: int, at: tuple[int, int]
 
 
 def _usable(found: FoundPoints, plan: TargetPlan) -> NDArray[np.intp]:
-    """Return which points can be used."""
+    """Return the indices of the points that can be used."""
     half = (np.array(plan.scan.cutout) - 1) // 2
     middles = np.floor(found.pixels + 0.5)
     usable = ((middles >= half) & (middles <= np.array(plan.scan.camera.sensor.shape) - 1 - half)).all(1)

@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 REGIONS_FILE = "regions.json"
-"""File of the plan in the folder of a session of several regions."""
+"""Name of the file with the plan in the folder of a session of several regions."""
 
 
 def is_regions(folder: Path) -> bool:

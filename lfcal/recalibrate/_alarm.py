@@ -84,7 +84,11 @@ class AlarmTest:
             self.spread: F8 = np.cov(scores.T)
 
     def threshold(self, k: int = 3) -> float:
-        """Return the threshold of T² for ``k`` values: from an F distribution with k and n - k degrees of freedom."""
+        """Return the threshold of T² for ``k`` values.
+
+        With n quiet frames, it follows from an F distribution with k and n - k degrees of freedom, and otherwise from a
+        chi² distribution.
+        """
         n = self.count
         return float(k * (n - 1) / (n - k) * fdtri(k, n - k, 1 - self.rate)) if n else float(chdtri(k, self.rate))
 

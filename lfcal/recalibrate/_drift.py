@@ -78,7 +78,7 @@ class DriftWindow:
     def measured(self, whole: ObjectFrame) -> tuple[Score, Goodness] | None:
         """Return the score of a frame of the whole sensor for the drifts, and the goodness of fit after their step.
 
-        None: no pixel of the window is valid.
+        The result is None if no pixel of the window is valid.
         """
         frame, fields = in_window(whole, self.window), self._model.fields
         if not frame.valid.any():

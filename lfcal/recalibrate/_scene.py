@@ -23,7 +23,7 @@ MOST_EXTRAPOLATED = 0.95
 
 @dataclass(frozen=True, eq=False)
 class ObjectFrame:
-    """A frame of an unknown object on the image of a window.
+    """A frame of an unknown object, on the pixels of a window or of the whole sensor.
 
     Attributes
     ----------

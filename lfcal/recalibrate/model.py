@@ -1,4 +1,4 @@
-"""What a volume of a frame may contain: planes, steps within a position, and the form of the dark field."""
+"""Assumptions about the volume and the dark field of a frame, and the model of the frames of one window."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COPIES = 1 + 1 / PARTS
 """Memory of a window, relative to that of the patterns of all its voxels."""
 
 DEPTH_SCALE = 0.01
-"""Unit of the scale of the depths, as a fraction."""
+"""Unit in which a change of the scale of the depths is measured, as a fraction."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class WindowModel:
         return patterns_at(replace(setup, depth_errors_um=moved), self.plan, own, sampling, self.workers)
 
     def scenes(self, patterns: VoxelPatterns, iterations: int) -> list[SceneEstimate]:
-        """Return object and dark field of each frame, as estimated by a number of ``iterations``."""
+        """Return the object and the dark field of each frame, estimated in ``iterations`` iterations."""
         return [estimate_scene(patterns, frame, self.fields, iterations) for frame in self.frames]
 
     def score(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], derivatives: F4) -> Score:
@@ -189,7 +189,7 @@ class WindowModel:
 
 
 def _lever(setup: Setup, z_um: float) -> float:
-    """Return the change of a depth (µm) for a relative change of the distance of its image from the array."""
+    """Return the change of a depth (µm) per relative change of the distance of its image from the array."""
     camera, small = setup.camera, 1e-4 * max(1.0, abs(z_um))
     image = camera.image_shift_um(z_um)
     return image * small / (camera.image_shift_um(z_um + small) - image)

@@ -90,10 +90,10 @@ CLEAR = 2.0
 """Change of an unknown with the scale of the depths, in standard deviations, above which it is reported."""
 
 LEAST_SHARE = 0.2
-"""Relative change of an unknown with the depths, above which it is reported."""
+"""Relative change of an unknown, divided by that of the depths, above which it is reported."""
 
 HELPS = 0.7
-"""Excess of the goodness of fit with a remedy, relative to that without, below which it names the likely reason."""
+"""Ratio of the excess of the goodness of fit over 1, with to without a remedy, below which the remedy is named."""
 
 
 @dataclass(frozen=True)
@@ -437,7 +437,7 @@ class _Run:
         return {"goodness": np.array(model.goodness(patterns, model.scenes(patterns, iterations)), np.float64)}
 
     def _iter_remedied(self, at: _At) -> Work[tuple[_At, tuple[str, ...]]]:
-        """Return the first fit with a remedy that explains the frames, otherwise ``at``, and what it shows, in words.
+        """Return the first fit with a remedy that explains the frames, otherwise ``at``, and the finding as text.
 
         A fit with wrong assumptions moves the camera away, so each remedy needs a fit from the start. The error due to
         the grid of voxels decreases at least in proportion to their distance, so what is left with voxels of half a
@@ -496,7 +496,7 @@ def _remedies(plan: ScanPlan) -> list[Remedy]:
 
 
 def _closer(plan: ScanPlan) -> tuple[float, ...]:
-    """Return the depths of a plan with a plane more in each gap and on both sides, midway in virtual depth if known."""
+    """Return the depths of a plan plus one in each gap and half a step beyond each end, in virtual depth if known."""
     camera, order = plan.camera, plan.depths_um[0] > plan.depths_um[-1]
     at = np.array(plan.virtual_depths or plan.depths_um)
     step = np.diff(at) if len(at) > 1 else np.array([0.5 if plan.virtual_depths else 0.1 * max(1.0, abs(at[0]))])

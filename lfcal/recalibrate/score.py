@@ -56,7 +56,7 @@ class Score:
         return cls(np.zeros((count, count)), np.zeros(count))
 
     def __add__(self, other: Score) -> Score:
-        """Return the score of both frames together."""
+        """Return the score of the frames of both objects together."""
         return Score(self.information + other.information, self.gradient + other.gradient)
 
 

@@ -30,13 +30,13 @@ RATE = 0.01
 """Rate of false alarms."""
 
 LINEAR = np.array([0.1, 0.1, 0.5])
-"""Steps (px, px, %) above which derivatives are computed again at the drifted array if they do not explain a frame."""
+"""Steps (px, px, %) above which derivatives are computed again at the drift, if H does not explain a frame."""
 
 STEP_ERROR = 0.1
 """Error of a linear step, relative to its length."""
 
 ROUNDS, MOST_LOST = 4, 2
-"""Largest number of such steps for a frame, and of frames for which they may fail."""
+"""Largest number of steps for a frame, and largest number of frames for which several steps may fail."""
 
 HOURS, SHORTEST = 48.0, 1 / 6
 """Time span (hours) above which slopes are stated per day, and up to which they are stated per frame."""
@@ -231,7 +231,7 @@ class _Array:
         return found
 
     def _step(self, frame: ObjectFrame) -> _Measured:
-        """Return the drift by one step from ``at``."""
+        """Return the drift after one step from the drift ``self.at``."""
         parts = [one for window in self.windows if (one := window.measured(frame)) is not None]
         if not parts:
             raise InputError.expected(
@@ -301,7 +301,7 @@ def _summary(
 
 
 def _tested(used: Sequence[_Used], start: F8, test: AlarmTest, *, floored: bool = False) -> WatchedMean:
-    """Return the mean of frames and its test; ``floored``: with the error of the model, which no mean reduces."""
+    """Return the mean of frames and its test; with ``floored``, averaging does not reduce the error of the model."""
     drifts = [drift for _, drift, _ in used]
     square, chance = test.tested(drifts, floored=floored)
     names = tuple(name for name, _, _ in used)

@@ -20,7 +20,7 @@ from lfcal.recalibrate.watched import DRIFT_NAMES, DriftWatch
 __all__ = ["RECALIBRATED", "StoredWatch", "read_watch", "watch_outputs", "write_watch"]
 
 RECALIBRATED = "recalibrated"
-"""Folder with the recalibrated camera and its H, next to the numbers."""
+"""Name of the folder with the recalibrated camera and its H, next to the file of numbers."""
 
 NAMES = ("watch.csv", "watch.json", "watch.png")
 
@@ -54,9 +54,9 @@ class StoredWatch:
     Attributes
     ----------
     file
-        The file.
+        Path of the file of numbers.
     psf
-        H whose validity was tested.
+        Path of the H whose validity was tested.
     verdict
         Verdict on H, as one sentence.
     first_moved
@@ -98,7 +98,7 @@ def read_watch(path: Path) -> StoredWatch:
 
 
 def _table(found: DriftWatch) -> str:
-    """Return a line for each frame, with the test of the mean that contains it."""
+    """Return a CSV table with a line for each frame, including the test of the mean that contains the frame."""
     tests = {name: one for one in found.means for name in one.frames}
     text = io.StringIO()
     values = [column for name in DRIFT_NAMES for column in (name, f"{name}_sigma")]

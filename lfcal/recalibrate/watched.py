@@ -81,10 +81,12 @@ class WatchedMean:
 class DriftTrend:
     """Slope ``slope`` of the drift ``name``, and its standard deviation ``sigma``, per hour, day or frame (``per``).
 
+    ``name`` is ``"shift_x_px"``, ``"shift_y_px"`` or ``"gap_percent"``.
+
     Examples
     --------
     >>> from lfcal.recalibrate import DriftTrend
-    >>> DriftTrend("gap (%)", 0.02, 0.004, "hour").significant
+    >>> DriftTrend("gap_percent", 0.02, 0.004, "hour").significant
     True
     """
 

@@ -103,7 +103,7 @@ def _missing(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -
 
 
 def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Finding]:
-    """Return holes that are much brighter or dimmer than the others; bright neighbours are reported together."""
+    """Return findings on holes much brighter or dimmer than others; bright neighbours are reported together."""
     share = light / np.median(light)
     out = []
     bright = np.flatnonzero(share > BRIGHT)

@@ -27,7 +27,7 @@ SCALE = 0.03
 """Assumed relative uncertainty of the ratio of pitch to distance."""
 
 BENT = 0.01
-"""Typical distortion of lenses at the sensor's corner."""
+"""Typical relative distortion of lenses at the sensor's corner."""
 
 LEAST_PX = 0.02
 """Smallest error of a centroid (pixels); a fit of few points may suggest a smaller one."""
@@ -84,8 +84,9 @@ def fit_pose(
     """Return the pose, pitch and distortion that best explain the images ``pixels`` ``(n, 2)`` of ``holes`` ``(n, 2)``.
 
     This is a least-squares fit with the stated pose as a prior. `Target.within` gives the bounds of each value (treated
-    as two standard deviations); angles without a stated value have the uncertainty of a mount. Points far from their
-    fitted positions have a lower weight (Huber loss). The fit begins at the pose ``start``. None: at the stated pose.
+    as two standard deviations). The uncertainty of an angle is at least that of a mount, and right and down are hardly
+    limited. Points far from their fitted positions have a lower weight (Huber loss). The fit begins at the pose
+    ``start``. None: at the stated pose.
     """
     from scipy.optimize import least_squares
 

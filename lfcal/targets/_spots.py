@@ -47,7 +47,7 @@ class Spots:
         return len(self.pixels)
 
     def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Spots:
-        """Return the spots selected by a mask ``(n,)``."""
+        """Return the spots selected by a mask ``(n,)`` or by indices."""
         return Spots(self.pixels[which], self.light[which], self.dark)
 
 

@@ -288,7 +288,7 @@ class TargetCamera(Frames):
         return replace(images, pixels=images.moved(np.array(offset_px)))
 
     def _region_of(self, pixel: tuple[float, float]) -> tuple[int, int]:
-        """Return the region about a pixel (row, column)."""
+        """Return the index (row, column) of the region that contains a pixel (row, column)."""
         return math.floor(pixel[0] / self._side), math.floor(pixel[1] / self._side)
 
     def _region(self, key: tuple[int, int]) -> Responses:

@@ -121,7 +121,7 @@ class DecodedFrames(SourceView):
 
 
 def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise | None:
-    """Return the variance of a sum of frames: a part without its own light, and a part that grows with that light."""
+    """Return the noise of a decoded offset; the light of the other offsets is part of its constant variance."""
     total, slope = np.zeros(values.shape), 0.0
     for one, w, shown in parts:
         if one.noise is None:

@@ -255,13 +255,13 @@ def _misses(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) ->
 
 
 RIVAL = 2
-"""Number of spots by which another labelling may be worse and still be possible: two missing or extra spots."""
+"""Difference from the best `Match.score` up to which another assignment is possible as well."""
 
 ENOUGH = 0.5
 """Fraction of the spots that must be on holes."""
 
 ON_PLACE = 0.2
-"""Largest offset, in pitches, at which a spot is assigned to a hole."""
+"""Distance of a spot from its hole, in pitches, at which the confidence of the label is 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,7 +402,7 @@ def find_points(
 
 
 def _basis(target: Target, step_um: float) -> Array:
-    """Return the lattice vectors ``(2, 2)`` from an image to that in the next row and to the next one (pixels)."""
+    """Return the lattice vectors ``(2, 2)`` (px) from an image to the next row, and to the next image in its row."""
     down, right = target.pitch_um
     lean = right / 2 if target.kind == "hexagonal" else 0.0
     flat = np.array([[lean, down], [right, 0.0]])

@@ -179,7 +179,7 @@ def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> t
 
 
 GOOD = 1.6
-"""Factor in the number of frames up to which offsets of rows and columns are used without a joint search."""
+"""Number of frames, relative to the fewest possible, up to which both axes are not searched together."""
 
 FINEST_PX = 0.01
 """Smallest tolerance (pixels): stages are not better, and the search table grows with its inverse square."""

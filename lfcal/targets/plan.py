@@ -23,7 +23,7 @@ from lfcal.targets.target import Target
 __all__ = ["TargetForecast", "TargetPlan", "lit_blocks", "lit_by", "lit_matrix", "region_points"]
 
 Lit = tuple[tuple[tuple[int, ...], ...], ...]
-"""For each plane and frame, the numbers of the offsets."""
+"""For each plane and frame, the numbers of the offsets that the frame shows."""
 
 MOST = 4096
 """Largest number of offsets of a plane that are decoded."""

@@ -1,4 +1,4 @@
-"""Several frames of a target shown together: the best number, whether it reduces noise, and the display's plan."""
+"""Several frames of a target shown together: the best number, the effect on noise, and the display's plan."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfcal.targets.plan import TargetPlan
 __all__ = ["ORDERS", "coding_verdict", "display_words", "group_order", "planned_for_display", "subset_patterns"]
 
 ORDERS = (3, 7, 11)
-"""Numbers of frames that may be shown together, half of them at a time: orders of S-matrices."""
+"""Numbers of offsets that may be coded together, about half of them in each frame: orders of S-matrices."""
 
 PEAK = 0.8
 """Default level of a point's brightest pixel, as a fraction of the full well."""

@@ -63,7 +63,10 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def _middle(camera: Camera, side: int) -> Camera:
-    """Return the camera with only the middle part of its sensor, ``side`` lenslets wide and of the same parity."""
+    """Return the camera with only the middle of its sensor, at least ``side`` lenslets wide if the sensor is.
+
+    The numbers of rows and columns keep their parity, so that the middle stays on the same part of a pixel.
+    """
     wanted = math.ceil(side * camera.pitch_px)
     rows, columns = (min(n, wanted + (n - wanted) % 2) for n in camera.sensor.shape)
     return replace(camera, sensor=replace(camera.sensor, shape=(rows, columns)))

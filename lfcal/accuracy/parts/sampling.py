@@ -17,7 +17,7 @@ TOLERANCE = 0.03
 """The scene of all samplings includes the effects that matter at this tolerance."""
 
 QUICK_SECONDS, QUICK = 60.0, Sampling(samples_per_px=6)
-"""Time (s) below which the reference has this sampling: its finest grid may need a minute for one position."""
+"""Time limit (s) below which the reference has this sampling; the finest grid may need a minute for a position."""
 
 FIRST = 2
 """Number of samplings measured together at first, then one more each time; if stopped, the current set is lost."""

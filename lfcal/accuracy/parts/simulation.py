@@ -79,7 +79,7 @@ def _point(
 
 
 def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneResponse) -> float:
-    """Return the CPU time (s) for the whole H: for the probe of each plane, the tables, and all positions."""
+    """Return the processor time (s) for the whole H: for the probe of each plane, the tables, and all positions."""
     start = engine_clock()
     response.engine()
     probe = engine_clock() - start
