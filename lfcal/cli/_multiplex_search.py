@@ -55,7 +55,7 @@ def search(
     camera: PresetOption = None,
     gain: GainOption = 1.0,
     starts: int = typer.Option(
-        6, min=0, help="Number of random masks per noise level; each is followed by six modified ones."
+        6, min=0, help="Number of random starting masks per noise level; for each, the best mask is modified six times."
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="File for a plot of the gains of all candidates (.png)."),
     workers: WorkersOption = None,

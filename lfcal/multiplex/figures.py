@@ -1,4 +1,4 @@
-"""Figures 3, 5, 6 and 7 of the paper, and plots of modulators, as files in a folder."""
+"""Figures 3, 5, 6 and 7 of Ihrke et al. (CVPR 2010), and plots of modulators, as files in a folder."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ TITLES = {
 
 
 class FiguresView(QWidget):
-    """Figures 3, 5, 6 and 7 of the paper for synthetic scenes."""
+    """Figures 3, 5, 6 and 7 of Ihrke et al. (CVPR 2010) for synthetic scenes."""
 
     figure_chosen = Signal(int, arguments=["number"])
     """The user chose another figure."""
