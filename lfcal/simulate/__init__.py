@@ -9,6 +9,7 @@
 - ``simulate``: H, in memory, in a file or in units; ``progressive``: in passes
 - ``sensor``: sensor frames of a simulated session; ``noise_forecast``: the noise that a scan leaves in H
 - ``assumed_values``: how much results change with values that are only assumed
+- ``cutout_light``: the light inside the cutout; ``undescribed``: effects that the camera does not describe
 - ``sample``: the sample sessions of the package
 - ``volume``: light fields of extended objects through the same H
 """

@@ -33,7 +33,7 @@ from lfcal.work import PASS, Journal, RunChoice, discard, parts_folder, read_not
 __all__ = ["Pass", "iter_refine_psf", "passes_for"]
 
 STEPS = (10.0, 10 / 3)
-"""Tolerances of the passes between rays and the last one, in units of the last.
+"""Tolerances of the passes between that with rays and the last one, as multiples of the last tolerance.
 
 Each pass costs three times as much as the one before.
 """

@@ -2,7 +2,9 @@
 
 - ``planner``: the effects that a scene needs; ``cost``, ``forecast``: computing time;
   ``calibration``: speed of this machine
-- ``sampling``: sampling of an engine; ``_ladder``: measured error against time
+- ``memory``: peak memory
+- ``sampling``: sampling of an engine; ``probe``: search for the sampling of a plane; ``_ladder``: measured error
+  against time
 """
 
 from typing import TYPE_CHECKING

@@ -59,7 +59,8 @@ def correct_rate(
 ) -> None:
     """Correct later time forecasts with the measured computing time of one simulated plane.
 
-    Planes for which both the forecast and the measured time are below `LEAST_RUN_S` are ignored.
+    Planes for which both the forecast and the measured time are below `LEAST_RUN_S` are ignored, and so are those
+    computed without compiled kernels (`kernels_spared`).
 
     Parameters
     ----------

@@ -173,7 +173,7 @@ class EffectSelection:
         raise InputError.expected("effect", any_of(names), name, choose(name, names))
 
     def __iter__(self) -> Iterator[Effect]:
-        """Iterate over the effects that are on at any plane."""
+        """Iterate over the effects that are simulated in at least one plane."""
         return iter(self.effects)
 
     def to_dict(self) -> dict[str, Any]:

@@ -153,7 +153,7 @@ class Zernike(_Aberration):
     rank: ClassVar[int] = 72
 
     def __post_init__(self) -> None:
-        """Check that every term is one."""
+        """Check that every term is a Zernike polynomial with a finite coefficient."""
         SceneEffect.__post_init__(self)  # a plain super() does not know a class with slots
         check_wavefront(self.terms)
 

@@ -17,7 +17,7 @@ __all__ = ["ArrayRotation", "ArrayTilt", "LensletGap", "PitchError", "Telecentri
 
 @dataclass(frozen=True, slots=True)
 class Telecentricity(SceneEffect):
-    """A main lens at the finite distance b: the pitch of micro-images is larger than that of lenslets by 1 + B/b.
+    """Exit pupil at the finite distance b: the pitch of the micro-images is 1 + B/b times that of the lenslets.
 
     B is the gap between lenslets and sensor. Without this effect, the exit pupil is at infinity, and micro-images have
     the pitch of the lenslets.
@@ -187,9 +187,9 @@ class PitchError(SceneEffect):
 class ArrayTilt(SceneEffect):
     """A lenslet array that is not parallel to the sensor: it is tilted about its intersection with the optical axis.
 
-    Where the tilt increases the gap, the lenslets are farther from the sensor, and closer to the image formed by the
-    main lens by the same distance. The gap also varies from lenslet to lenslet, which displaces the rays through their
-    centres. The lattice of micro-images remains as described.
+    Where the tilt increases the gap, the lenslets are closer to the main lens, whose image is then farther behind them
+    by the same distance. The gap also varies from lenslet to lenslet, which displaces the rays through their centres.
+    The lattice of micro-images remains as described.
 
     Attributes
     ----------

@@ -230,7 +230,7 @@ class Effect(ABC):
     """Display name."""
     acts_on: ClassVar[ActsOn]
     rank: ClassVar[int] = 50
-    """Order along the light path, among the effects that act on the same thing."""
+    """Order along the light path, among the effects that act on the same stage (`acts_on`)."""
     deviation: ClassVar[bool] = False
     """Whether it is an error of assembly or use whose size is not in the camera's description."""
     measured_by: ClassVar[str] = ""

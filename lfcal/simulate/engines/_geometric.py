@@ -1,4 +1,6 @@
-"""Level G0: rays only. Each lenslet's part of the iris's shadow is drawn on the sensor with exact pixel areas.
+"""Level ``"geometric"``: rays only.
+
+Each lenslet's part of the iris's shadow is drawn on the sensor with exact pixel areas.
 
 A pupil point u (in radii of the disc f/(2 Nw)) sends its ray through X = X0 + a' u/(2 Nw) on the array and, by a
 lenslet at c, to s = c + (1 - B'/f)(X - c) - B' u/(2 Nw). Two forms of this map avoid division by a' or sigma: lenslets

@@ -1,4 +1,4 @@
-"""Level W2: the light of each lenslet by a zoomed Fourier transform of the main lens's tabulated field.
+"""Level ``"wave"``: the light of each lenslet by a zoomed Fourier transform of the main lens's tabulated field.
 
 With c the lenslet's centre, X0 the source's image and L = lambda B', a lenslet's field on the sensor is
 

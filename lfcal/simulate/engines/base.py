@@ -16,7 +16,7 @@ from lfcal.simulate._pupil_scene import AnyScene
 __all__ = ["LEVELS", "Certificate", "Displaceable", "EnergyError", "PlaneEngine", "Sampling"]
 
 LEVELS: tuple[str, ...] = ("geometric", "wave", "grid", "debye", "reference")
-"""Levels of accuracy: G0; W2 lens by lens; W2 on one grid; the microscope's Debye path; W3."""
+"""Levels: rays; waves lens by lens; all lenslets on one grid; the Debye path of a microscope; the reference."""
 
 
 class EnergyError(LfcalError):

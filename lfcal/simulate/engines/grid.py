@@ -1,4 +1,6 @@
-"""Level W2g: all lenslets of a position on one grid, propagated to the sensor by two FFTs in single precision.
+"""Level ``"grid"``: all lenslets of a position on one grid, propagated to the sensor by two FFTs.
+
+All arrays are in single precision, unless double precision is requested.
 
 The transmission of the array is tabulated once, on samples with the same offsets in every pixel. For a position, a
 part of this table is multiplied by the main lens's field and propagated over the gap. Fields of all lenslets are

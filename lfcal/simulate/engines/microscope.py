@@ -47,9 +47,9 @@ MARGIN_PER_NODE = 10
 Where lenslets touch, the truncated light would have cancelled: two nodes miss 2.5 % of a response, three 0.8 %.
 """
 BEYOND = 0.5
-"""Lenslets beyond the geometric spill for each node per pixel above one: their edges scatter light from there into the
-cutout. The error is visible if the cutout receives little other light (0.35 % with half a lenslet, 0.04 % with one and
-a half).
+"""Width of a rim around the lenslets whose rays reach the cutout, in lenslets for each node per pixel above one.
+Lenslet edges scatter light from there into the cutout. If the cutout receives little other light, a rim of half a
+lenslet leaves an error of 0.35 %, and one of one and a half lenslets 0.04 %.
 """
 SPARE_ORDERS, SPARE_SHARE = 20, 3
 """Additional diffraction orders of the array, beyond those in its geometric cone, for each node per pixel above one.
@@ -65,7 +65,7 @@ MOST_SPARE = 4
 CACHED = 256
 """Largest number of matrices and responses that are kept for reuse."""
 DEBYE_CACHE_BYTES = 1 << 29
-"""Largest total size of either (bytes)."""
+"""Largest total size of the kept matrices, and of the kept responses (bytes)."""
 
 LEFT_OUT = 1e-5
 """Fraction of the norm of a field that its factors may omit."""

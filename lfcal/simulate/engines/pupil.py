@@ -7,7 +7,7 @@ Behind a lenslet at c with focal length f and aperture A, on a sensor B away, th
 with U of `PupilScene`. The integral is a Fourier transform, evaluated as two matrix products in a window about the
 lenslet's geometric spot. Where windows overlap, fields are added before squaring. Pixels are integrated by
 Gauss-Legendre nodes. What falls outside a window of half width m lambda B/d is about 0.2/m of a spot, for round and for
-square apertures of width d alike. It is the error that `steps` trade against time.
+square apertures of width d alike. Wider windows reduce this error and take more time.
 """
 
 from __future__ import annotations

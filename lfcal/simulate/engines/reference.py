@@ -1,4 +1,4 @@
-"""Level W3: the whole lenslet plane on one grid, all lenslets coherent, propagated to the sensor by FFT.
+"""Level ``"reference"``: the whole lenslet plane on one grid, all lenslets coherent, propagated to the sensor by FFT.
 
 It is slow and has none of the simplifications of the other levels, which are compared with it at some positions.
 """
