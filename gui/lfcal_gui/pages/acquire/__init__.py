@@ -6,7 +6,7 @@
 - ``_after``, ``step``: what is made of a session; ``_choices``: its folder and its target
 - ``_lab``: large buttons for a dark lab
 - ``model``: settings; ``model_live``: live frames; ``model_station``: the devices; ``model_recorder``: a recording
-  as it grows, in pictures and words; ``model_folder``: what a folder holds
+  as it grows, in pictures and words; ``model_folder``: state of a session folder
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ class Afterwards:
             self._assemble(out)
 
     def fit(self, found: Any) -> None:
-        """Assemble H and show its fit, which is the one ``found`` during the recording if there is one."""
+        """Assemble H, then show the fit ``found`` during the recording or, if there is none, the settings of a fit."""
         out = Path(self.context.state.recording) / "H.h5"
         if may_replace(self.panel, [out]):
             self._assemble(out, sent=found or "fit")

@@ -81,7 +81,7 @@ GROUP = "acquire target"
 
 
 class TargetChoice:
-    """The plan of the target in the project's settings, which is read when they name another file.
+    """The plan of the target in the project's settings, which is read when the settings name another file.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class TargetChoice:
         self._path = ""
 
     def ask(self, parent: QWidget) -> None:
-        """Choose the plan of a target, or return to the single point."""
+        """Ask for the plan of a target; if a target is in use, return to the single point instead."""
         if AcquireSettings.of(self.context.state).target:
             self.clear()
         elif path := QFileDialog.getOpenFileName(parent, "Plan of a target", "", "Plans (*.json)")[0]:

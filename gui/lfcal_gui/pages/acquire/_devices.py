@@ -46,7 +46,7 @@ COUNTED = {
     **dict.fromkeys(CAMERA_FAULTS, "frame"),
     **dict.fromkeys(GAUGE_FAULTS, "reading"),
 }
-"""Meaning of the calls that are counted for each kind of fault."""
+"""Name of the calls that are counted for each kind of fault."""
 
 KINDS = tuple((kind, _SAID.get(kind, kind)) for kind in FAULTS)
 """Pairs of kind and words, for a list."""
@@ -108,7 +108,7 @@ class DevicePanel(QWidget):
     def set_backends(
         self, findings: Sequence[Any], options: Mapping[str, Mapping[str, str]], has_stage: Mapping[str, bool]
     ) -> None:
-        """Set the found backends, as `lfcal.devices.registry.BackendStatus` records, and the options of each."""
+        """Set the found backends, as `lfcal.devices.registry.BackendStatus` records, and options and stage of each."""
         self._options, self._has_stage = dict(options), dict(has_stage)
         self._reasons = {f.name: f.reason for f in findings}
         self.backend.clear()
@@ -228,7 +228,7 @@ class FaultPanel(QWidget):
     edited = Signal(str, arguments=["text"])
     """The faults changed; ``text`` is the simulator's option ``faults``."""
     injected = Signal(object, arguments=["fault"])
-    """Make the connected simulator fail in this way; calls are counted from now."""
+    """Request to make the connected simulator fail in this way; calls are counted from now on."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

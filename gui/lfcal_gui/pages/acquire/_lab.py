@@ -32,7 +32,7 @@ class Standing:
     running
         Current activity of the devices in words; empty if there is none.
     found
-        Completed measurements: ``"stage"``, ``"exposure"``.
+        Results of the completed measurements by name: ``"stage"``, ``"axis"``, ``"exposure"``.
     begun, complete
         Whether the folder contains a recording, and whether it is complete.
     redo
@@ -88,7 +88,7 @@ TIPS = {
 
 
 class Lab(QWidget):
-    """The page with, in a dark lab, its status and large buttons below it."""
+    """Content of the page; in the mode for a dark lab, it ends with the status and large buttons."""
 
     def __init__(
         self, context: Context, tabs: AcquirePanel, setup: SetupTab, record: RecordTab, toggle: QPushButton

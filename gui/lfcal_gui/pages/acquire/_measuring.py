@@ -1,4 +1,4 @@
-"""Measure stage axes and exposure with a few moves, and record white and dark frames; the plan takes the results."""
+"""Measure stage axes, optical axis and exposures with a few moves, and record white and dark frames."""
 
 from __future__ import annotations
 

@@ -142,7 +142,7 @@ class StagePanel(QWidget):
             field.show_position(value)
 
     def show_motion(self, words: str, *, moving: bool = False) -> None:
-        """Show the state of the stage, and enable the stop button while it moves."""
+        """Show the state of the stage, and the stop button while the stage moves."""
         self.motion.setText(words)
         self.stop.setVisible(moving)
 
@@ -258,7 +258,7 @@ class StageMoves(QObject):
         self._queue(lambda: station.move_axes(target))
 
     def go_plane(self, z: int) -> None:
-        """Go to the middle of the cell in plane ``z``."""
+        """Move the stage to the middle of the period in plane ``z``."""
         station, plan = self._station(), self._context.state.plan
         if station is not None and plan is not None:
             target = target_of(plan, z)

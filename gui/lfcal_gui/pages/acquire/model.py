@@ -30,8 +30,8 @@ HELD = frozenset(
 )
 """Fields of `lfcal.tasks.Acquire` and `lfcal.tasks.AcquireUntil` that are not in the form.
 
-Of the first line the page has its own widgets. Other buttons assemble and pack a session. Set up shows the cost at a
-frame rate.
+The page has other widgets for the fields of the first line. Other buttons assemble and pack a session. Set up shows
+the cost at a frame rate.
 """
 
 ORDER = Field(
@@ -174,7 +174,7 @@ class AcquireSettings(PageSettings):
         return own | {"plan": Path(plan), "out": Path(out), "option": option}
 
     def options(self) -> Options:
-        """Return the options of a new session; raises `InputError` if they do not go together."""
+        """Return the options of a new session; raises `InputError` if they do not match."""
         return replace(self, extent="whole").task("plan.json", "session").options()
 
     def goal(self) -> Goal | None:
@@ -238,7 +238,7 @@ def moved(plan: ScanPlan, origin: tuple[float, ...] | None) -> ScanPlan:
 
 
 def target_of(plan: ScanPlan, z: int) -> tuple[float, float, float]:
-    """Return the stage position of the centre of the cell in plane ``z`` (µm)."""
+    """Return the stage position of the middle of the period in plane ``z`` (µm)."""
     if not 0 <= z < len(plan.depths_um):
         raise InputError.expected("depth plane", f"0 to {len(plan.depths_um) - 1}", z, "choose a plane of the scan")
     ny, nx = plan.period

@@ -60,7 +60,7 @@ class FolderState:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Number of recorded positions (or frames of a target), and of all."""
+        """Number of recorded positions (or frames of a target), and number of all that are to be recorded."""
         if self.there is None:
             return 0, 0
         if self.chosen is None:

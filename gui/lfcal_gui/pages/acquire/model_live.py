@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
 LATE_S, LATE = 1.0, 3.0
-"""A frame is late one second or three frame intervals after the end of its exposure."""
+"""The next frame is late after its exposure plus one second or three frame intervals, whichever is longer."""
 
 SAME_UM = 1.0
 """Largest difference between read-backs of the same position (µm)."""
@@ -52,7 +52,7 @@ class LivePicture:
     taken_s
         Time at which the frame was read, by `time.monotonic` (s).
     due_s
-        Age (s) at which the next frame is due.
+        Age of this frame at which the next one is due (s).
     caption, readout
         Text over the image: its name; rate, exposure, peak and saturated pixels.
     target
@@ -246,7 +246,7 @@ def _compared(made: LivePicture, predicted: NDArray[Any] | None) -> LivePicture:
 def age_words(
     seconds: float, frame_um: tuple[float, float, float], stage_um: tuple[float, float, float]
 ) -> tuple[str, bool]:
-    """Return the age of a frame as text and, if the stage has moved since, where the frame was taken (µm)."""
+    """Return the age of a frame as text and whether the stage has moved since; if so, the text has its position (µm)."""
     age = f"{seconds:.1f} s old" if seconds < 10 else f"{format_seconds(seconds)} old"
     if not max(abs(a - b) for a, b in zip(frame_um, stage_um, strict=True)) > SAME_UM:
         return age, False
@@ -257,8 +257,8 @@ def age_words(
 def plane_at(plan: ScanPlan, depth_um: float) -> int | None:
     """Return the plane within half a step of a depth (µm); None if there is none.
 
-    For a single plane, the step is a virtual depth of one half. Without a lattice, it moves the outermost spot by
-    two pixels.
+    For a single plane, the step is a virtual depth of one half. With lenslets in the pupil, the step moves the outermost
+    spot by two pixels.
     """
     depths = np.array(plan.depths_um)
     z = int(np.argmin(np.abs(depths - depth_um)))

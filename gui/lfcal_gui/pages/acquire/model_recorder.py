@@ -91,7 +91,10 @@ class CoveredByHand:
         return not self._skipped
 
     def switch(self, on: bool) -> None:
-        """Ask the user to uncover (``on``) or cover the lens, and wait; raise `Aborted` if the recording stops."""
+        """Ask the user to uncover (``on``) or cover the lens, and wait for the answer.
+
+        Raise `Aborted` if the recording is stopped before the lens is covered.
+        """
         self._ask(f"{'Uncover' if on else 'Cover'} the lens, then continue.", skippable=False)
         try:
             while not self._answered.wait(ASK_S):
@@ -193,7 +196,7 @@ class Recorder:
 
 
 def target_facts(plan: ScanPlan | TargetPlan, rates: ScanRates) -> dict[str, Any]:
-    """Return what the next step depends on if a target is recorded: its frames, their time and their bytes."""
+    """Return what the next step depends on if a target is recorded: number, time (s) and bytes of its frames."""
     if isinstance(plan, ScanPlan):
         return {}
     frames, size = len(plan.frames), plan.single().frame_bytes / plan.scan.n_positions
@@ -228,7 +231,7 @@ class RecordPicture:
     complete
         Whether the plane is complete.
     done, total
-        Number of recorded positions (or frames of a target), and of all.
+        Number of recorded positions (or frames of a target), and number of all.
     covered
         Whether the map shows how many frames of a target cover each position, instead of a recorded quantity.
     reading
@@ -367,8 +370,8 @@ class ErrorCurve:
     positions, stated
         For each fit: the number of recorded positions, and the error from the standard deviations of its unknowns.
     aside, below, above
-        For each fit: the error at held-out positions, and its bounds at two standard deviations. Where only an upper
-        limit is known, ``aside`` is that limit and ``below`` is NaN.
+        For each fit: the error at held-out positions, and the lengths of its error bar downwards and upwards (two
+        standard deviations). Where only an upper limit is known, ``aside`` is that limit and ``below`` is NaN.
     wanted
         The error that ends the recording.
     most
@@ -395,7 +398,7 @@ class ErrorCurve:
 
 
 def check_goal(plan: ScanPlan, options: Options, folder: FolderState) -> None:
-    """Raise `InputError` if the noise of the frames is unknown, or if the folder holds a scan of every position."""
+    """Raise `InputError` if the noise of a frame is unknown, or if the folder contains a scan of every position."""
     if folder.there is not None and folder.chosen is None:
         got, remedy = "a scan of every position", "record every position, or choose another folder"
         raise InputError.expected("session folder", "a session of chosen positions", got, remedy)
@@ -496,7 +499,7 @@ def advice_words(folder: FolderState, *, recording: bool, backend: str, measured
     Parameters
     ----------
     folder
-        What the session's folder holds.
+        State of the session's folder.
     recording
         Whether a session is being recorded.
     backend

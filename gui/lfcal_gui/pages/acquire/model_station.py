@@ -29,7 +29,7 @@ DESCRIBED = ("sim",)
 """Backends that simulate frames from a camera description."""
 
 SEEN = ("camera", "period", "cutout", "depths_um", "anchor", "resample")
-"""Fields of a plan on which such frames depend; exposure and stage are set, not described."""
+"""Fields of a plan on which simulated frames depend. Exposure and stage can be changed while connected."""
 
 MOVE_TIMEOUT_S = 60.0
 SETTLE_S = 0.1
@@ -149,7 +149,7 @@ class Station:
             return self.rig.stage.position()
 
     def move(self, target: Point) -> Point:
-        """Move to ``target`` and return the read-back (µm); checked against the limits first."""
+        """Move to ``target`` and return the read-back (µm); the target is checked against the limits first."""
         in_limits(target, self.limits)
         with self._lock:
             self.moving = Control()
@@ -239,7 +239,7 @@ def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
     Raises
     ------
     InputError
-        If it is not a position, or is outside the limits.
+        If ``words`` is not a position, or the position is outside the limits.
     """
     parts = [part.strip() for part in re.split("[,;]", words)] if re.search("[,;]", words) else words.split()
     try:

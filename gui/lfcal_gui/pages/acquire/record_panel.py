@@ -318,7 +318,7 @@ class RecordPanel(QWidget):
         self._show_map()
 
     def show_error(self, curve: ErrorCurve | None) -> None:
-        """Show the error of H in the place of the depth-plane sum, or that again."""
+        """Show the error of H in place of the depth-plane sum; None: show the sum again."""
         self._curve, self._last_curve = curve, curve or self._last_curve
         if self._drawn is not None:
             self._drawn.show_error(curve)

@@ -57,10 +57,10 @@ SHOWN_ROWS = 3
 
 
 class ColumnsTable(QTableWidget):
-    """Table with the first rows of the list, below a row of column contents and a row of units."""
+    """Table with the first rows of the list, below a row of column roles and a row of units."""
 
     changed = Signal(str, arguments=["text"])
-    """Contents and units of the columns, in the format of ``lfcal assemble --columns``."""
+    """Roles and units of the columns, in the format of ``lfcal assemble --columns``."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -79,7 +79,7 @@ class ColumnsTable(QTableWidget):
         self.hide()
 
     def show_table(self, table: Table | None, used: tuple[Column, ...], without: str = "") -> None:
-        """Show the list and the contents of its columns; without a list, hide the table."""
+        """Show the list and the roles of its columns; without a list, hide the table."""
         self.setVisible(table is not None)
         if table is None:
             return

@@ -1,4 +1,4 @@
-"""The user's choices for an import: paths, meanings of columns, and problems in the words of the dialog. No Qt."""
+"""The user's choices for an import: paths, roles of columns, and problems in the words of the dialog. No Qt."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class ImportChoice:
     listed
         List of the frames, if it is in another folder.
     columns, header
-        Meaning of its columns, in the format of ``lfcal assemble --columns``, and the column names it was chosen for.
-        Without names it applies to any list.
+        Roles of the columns of the list, in the format of ``lfcal assemble --columns``, and the column names for which
+        they were chosen. Without names, they apply to any list.
     pattern, first
-        Positions in names, and what they count from: ``""``, ``"0"`` or ``"1"``.
+        Pattern of the positions in file names, and the first index of positions: ``""``, ``"0"`` or ``"1"``.
     order
-        The scan order, of numbered files: ``"serpentine"`` or ``"raster"``.
+        Scan order of numbered files: ``"serpentine"`` or ``"raster"``.
     shift
-        ``"auto"`` or a number of bits.
+        Number of bits by which left-aligned samples are shifted down, or ``"auto"``.
     channel
-        Colour.
+        One colour of a mosaic or colour image.
     orientation
-        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`; empty: they are checked.
+        Orientation that makes the frames upright, one of `lfcal.frames.ORIENTATIONS`; empty: it is checked.
     """
 
     frames: str
@@ -65,7 +65,7 @@ def check_ways(choice: ImportChoice) -> None:
 
 
 def list_of(choice: ImportChoice) -> Path | None:
-    """Return the list given by the user, or the only list in the folder of the frames."""
+    """Return the list given by the user, or the only list in the folder of the frames; None if none."""
     if choice.listed:
         return Path(choice.listed)
     place = choice.place
@@ -105,7 +105,7 @@ HOLDS = (
     ("dy", "dy (px)"),
     ("dx", "dx (px)"),
 )
-"""Meanings that a column of a list can have, with their displayed names."""
+"""Roles that a column of a list can have, with their displayed names."""
 LENGTH_UNITS = ("um", "mm", "nm", "m", "index")
 TIME_UNITS = ("s", "ms", "us")
 
@@ -125,7 +125,7 @@ def unit_shown(unit: str) -> str:
 
 
 def columns_text(holds: dict[str, tuple[str, str]], without: Collection[str] = ()) -> str:
-    """Return the value of ``--columns`` for the meaning and unit of each column (by its number from 1).
+    """Return the value of ``--columns`` for the role and unit of each column (by its number from 1).
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def not_held(columns: str) -> set[str]:
 
 
 def columns_used(table: Table, columns: str) -> tuple[tuple[Column, ...], str]:
-    """Return the use of the columns, and the problem with it; empty: none."""
+    """Return the columns that have a role, and the problem with these roles as text (empty: none)."""
     said = [part.partition("=")[::2] for part in columns.split(",") if part]
     roles = [key.partition("_")[0] for key, _ in said]
     if twice := [role for role in roles if roles.count(role) > 1]:

@@ -54,7 +54,7 @@ class FrameSettings(PageSettings):
     Attributes
     ----------
     manifest, pattern, order, columns, first
-        How positions are found in a folder: by a list, a name pattern or a scan order. Then the meaning
+        How positions are found in a folder: by a list, a name pattern or a scan order. Then the roles
         of the list's columns, and the first index (``"0"``, ``"1"``; empty: found automatically).
     shift, channel
         Bits by which left-aligned samples are shifted down; one colour of a mosaic or colour image.
@@ -98,7 +98,7 @@ class FrameSettings(PageSettings):
 
     @property
     def option_values(self) -> dict[str, Any]:
-        """Other fields of the task by name, as the record stores them."""
+        """Values of ``options`` by name, with the types of the fields of the task."""
         return options_in(Assemble, dict(self.options))
 
     def usable(self) -> None:
@@ -110,7 +110,7 @@ class FrameSettings(PageSettings):
 
 
 def task_of(settings: FrameSettings, frames: str, out: str, plan: str = "") -> Assemble:
-    """Return the task that assembles H from ``frames`` by the ``plan`` in a file; raise `InputError` if invalid."""
+    """Return the task that assembles H from ``frames`` with the plan in file ``plan``; raise `InputError` if invalid."""
     own: dict[str, Any] = {
         "frames": Path(frames),
         "out": Path(out),
@@ -492,7 +492,7 @@ def facts_of(opened: Opened) -> tuple[tuple[str, str, str], ...]:
 
 
 def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
-    """Check the frames against the path of the plan, then assemble H plane by plane from the corrected frames.
+    """Check the orientation of the frames against the plan, then assemble H plane by plane from corrected frames.
 
     If you stop it, completed planes are kept, and the next call continues from them.
 

@@ -34,10 +34,11 @@ PLAY_MS = 60
 
 
 IMPORT = (
-    "A recorded session, or a folder with a list or with positions in file names. A dialog asks about anything unclear"
+    "Import a recorded session, or a folder with a list or with positions in file names. If anything is unclear, a "
+    "dialog asks"
 )
 FILE = (
-    "One file that contains many frames, or a list in another folder. Opens the dialog with all settings of an import"
+    "Open the dialog with all settings of an import, for one file that contains many frames or a list in another folder"
 )
 AGAIN = "Open the same folder again, for example after repairing a file or connecting a disk"
 
@@ -113,7 +114,7 @@ class Page(BasePage):
         self._unread, self._again, self._fresh = ("", ""), False, False
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Open the frames of the project if they changed."""
+        """Open the frames of the project again if the frames, the plan or the settings changed."""
         changed = old.frames != new.frames or old.plan != new.plan
         if old.frames != new.frames:
             self.context.attention.emit("frames", False)

@@ -232,7 +232,7 @@ class FramesPanel(QWidget):
             view.set_display(display)
 
     def show_overlays(self, camera: Camera, loaded: Loaded | None) -> None:
-        """Show the cutout and, if chosen, the lattice."""
+        """Show the lattice if chosen, and zoom to the cutout if the view follows it."""
         origin = (0, 0) if loaded is None else loaded.origin
         self.view.set_lattice(camera if self.lattice_box.isChecked() else None, origin)
         self._window = None if loaded is None else loaded.window
