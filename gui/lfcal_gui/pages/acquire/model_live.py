@@ -246,7 +246,7 @@ def _compared(made: LivePicture, predicted: NDArray[Any] | None) -> LivePicture:
 def age_words(
     seconds: float, frame_um: tuple[float, float, float], stage_um: tuple[float, float, float]
 ) -> tuple[str, bool]:
-    """Return the age of a frame as text and whether the stage has moved since; if so, the text has its position (µm)."""
+    """Return the age of a frame as text, with its position (µm) if the stage has moved since, and whether it has."""
     age = f"{seconds:.1f} s old" if seconds < 10 else f"{format_seconds(seconds)} old"
     if not max(abs(a - b) for a, b in zip(frame_um, stage_um, strict=True)) > SAME_UM:
         return age, False
@@ -257,8 +257,8 @@ def age_words(
 def plane_at(plan: ScanPlan, depth_um: float) -> int | None:
     """Return the plane within half a step of a depth (µm); None if there is none.
 
-    For a single plane, the step is a virtual depth of one half. With lenslets in the pupil, the step moves the outermost
-    spot by two pixels.
+    For a single plane, the step is a virtual depth of one half. With lenslets in the pupil, the step moves the
+    outermost spot by two pixels.
     """
     depths = np.array(plan.depths_um)
     z = int(np.argmin(np.abs(depths - depth_um)))

@@ -63,7 +63,7 @@ BUTTONS = (
         "Assemble H …",
         "Make H from the cutouts of the recorded frames, minus the dark frames if there are any",
     ),
-    ("fit", "Fit", "Assemble the recorded frames into H.h5 in the session's folder, and fit the optics to this H"),
+    ("fit", "Fit", "Assemble H.h5 in the session's folder, and show the fit of the session or the settings for a fit"),
     ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )
 """Key, title and meaning of each button."""

@@ -1,4 +1,4 @@
-"""Record: run a session, monitor it, and assemble its H."""
+"""Record > Rig: run a session, monitor it, and assemble its H."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lfcal_gui.pages.acquire.step import REDO_FILE, step
 from lfcal_gui.widgets import expected_apertures
 
 POLL_MS, HIDDEN_MS, READ_MS, FRAME_MS = 120, 1000, 250, 80
-"""Periods (ms) of updates of the quality, of a hidden session, of reading earlier frames, and of frames."""
+"""Periods (ms) of updates of a visible and of a hidden session, of reading earlier frames, and of the newest frame."""
 EARLIER = "acquire earlier frames"
 HELD = "a session is being recorded: camera, plan and devices cannot change until it ends"
 
@@ -43,7 +43,7 @@ class RecordTab(QObject):
     shown = Signal()
     """The enabled buttons or the advice changed."""
     asked = Signal(str, arguments=["words"])
-    """Request to the user that must be met before the recording continues; empty: no longer."""
+    """Request to the user that must be met before the recording continues; empty: the request has ended."""
 
     _alarms: tuple[str, ...] = ()
     """Current alarms of the recording."""
@@ -146,7 +146,7 @@ class RecordTab(QObject):
             self.setup.moves.go_plane(z)
 
     def let_go(self) -> None:
-        """Stop opening the folder of the previous project."""
+        """Stop opening and reading folders for the previous project."""
         self.folder_choice.let_go()
         for group in ("acquire start", "acquire remake", EARLIER):
             self.context.jobs.drop(group)
@@ -479,7 +479,7 @@ class RecordTab(QObject):
         self.panel.show_status(*said, fraction)
 
     def _show_error(self) -> None:
-        """Show the error of H if the recording ends by it, else the depth-plane sum."""
+        """Show the error of H if it determines the end of the recording, else the depth-plane sum."""
         recorder, settings = self.recorder, AcquireSettings.of(self.context.state)
         goal = settings.goal() if recorder is None else recorder.goal
         self.panel.show_error(

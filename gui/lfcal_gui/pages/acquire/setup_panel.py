@@ -75,7 +75,7 @@ AGREE = 0.9
 """Correlation above which measured and expected light agree."""
 
 WAITING = "Waiting for the first frame …"
-NO_FRAME, NO_REFERENCE = "No frame yet.", "While recording, this needs a reference H."
+NO_FRAME, NO_REFERENCE = "No frame yet.", "While recording, this needs an H of the plan in the project."
 UNCONNECTED = "No camera connected. Connect one, or use the simulated rig to practise."
 
 
@@ -168,7 +168,7 @@ class SetupPanel(QWidget):
             (self.seen, "Measured image: what the camera sees in the predicted cutout, above the background"),
             (
                 self.predicted,
-                "Expected image: from the reference H at this position, or from rays through the described camera",
+                "Expected image: from an H of the project at this position, or from rays through the described camera",
             ),
         ):
             view.setToolTip(tip)
@@ -237,7 +237,7 @@ class SetupPanel(QWidget):
             self.exposure.setValue(1e3 * seconds)
 
     def show_live(self, picture: LivePicture, plan: ScanPlan, note: str = "") -> None:
-        """Show a frame with its overlays and readout; ``note`` is added after the correlation."""
+        """Show a frame with its overlays and readout; ``note`` is shown below the small pictures."""
         if picture.frame is None:
             self.numbers.setText(picture.numbers)
             return
@@ -329,7 +329,7 @@ class SetupPanel(QWidget):
             self._zoom()
 
     def _zoom(self) -> None:
-        """Zoom to the cutout, or to the whole frame if this is chosen or the cutout is unknown."""
+        """Zoom to the cutout, if this is chosen and the cutout is known."""
         if self._last is None or self._last[0].window is None or not self.near.isChecked():
             return
         (top, left), (row, column, nt, ns) = self._last[0].first, self._last[0].window

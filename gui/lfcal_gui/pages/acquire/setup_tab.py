@@ -1,4 +1,4 @@
-"""Set up: devices, live view, moves."""
+"""Record > Rig: devices, live view, and moves of the stage."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class SetupTab(QObject):
         self._then: Callable[[], object] | None = None
         self.pace = Pace()
         self.drawing = False
-        """Whether a frame of a recording is being drawn; those that come meanwhile are dropped."""
+        """Whether a frame of a recording is being drawn; frames that arrive meanwhile are dropped."""
         self._trouble = ""
         self.live_timer = QTimer(self, singleShot=True)
         self.live_timer.timeout.connect(self._look)

@@ -1,4 +1,4 @@
-"""A recording, and H made of it, as commands and in units. No Qt."""
+"""A recording and the assembly of its H, as commands and as work. No Qt."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def remade(folder: Path, psf: Path, out: Path, recipe: CorrectionRecipe) -> Asse
     Raises
     ------
     InputError
-        If it is not H of all planes of this session.
+        If ``psf`` is not H of all planes of this session.
     """
     from lfcal.acquire import SessionFile
     from lfcal.psf import open_psf

@@ -110,7 +110,7 @@ class FrameSettings(PageSettings):
 
 
 def task_of(settings: FrameSettings, frames: str, out: str, plan: str = "") -> Assemble:
-    """Return the task that assembles H from ``frames`` with the plan in file ``plan``; raise `InputError` if invalid."""
+    """Return the task that assembles H from ``frames`` with the plan in ``plan``; raise `InputError` if invalid."""
     own: dict[str, Any] = {
         "frames": Path(frames),
         "out": Path(out),

@@ -228,7 +228,7 @@ class Inspector(QWidget):
             self.scan.set_values({**settings.shown(), **values_of_plan(plan)})
 
     def show_verdict(self, merit: str, words: str, *, found: bool = False, measured: bool = False) -> None:
-        """Show whether a white image agrees; ``found``: details exist, ``measured``: its lattice can be taken."""
+        """Show whether a white image agrees; ``found``: details exist, ``measured``: its lattice can be used."""
         self.check_card.show_verdict(merit, words, HEADS.get(merit, "White image"))
         self.check_card.setVisible(bool(words))
         self.buttons["details"].setVisible(found)

@@ -74,7 +74,7 @@ class SensorDialog(QDialog):
     parent, context
         The page and its context.
     take
-        Called with the camera as measured, and a label for undoing it; returns whether it was taken.
+        Called with the camera as measured, and the label of the undo step; returns whether the camera changed.
     """
 
     def __init__(self, parent: QWidget, context: Context, take: Callable[[Camera, str], bool]) -> None:

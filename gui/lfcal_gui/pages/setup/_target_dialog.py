@@ -241,7 +241,7 @@ class TargetDialog(QDialog):
 
     @property
     def shown(self) -> PlaneDrawing | None:
-        """Index of the displayed plane."""
+        """Drawing of the selected plane; None if there is no plan of the target."""
         return None if self.found is None else self.found.planes[max(0, self.plane.currentIndex())]
 
     def _draw(self) -> None:

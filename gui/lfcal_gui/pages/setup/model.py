@@ -42,7 +42,7 @@ CENTRES = "Centre of each lenslet relative to the optical axis: x, y; x, y; …,
 ARRAYS = (("hexagonal", "hexagonal"), ("square", "square"))
 CLEAR = "Diameter of a round lenslet on the sensor; empty: squares without gaps, or discs as wide as the pitch"
 FARTHEST = 1e6
-"""Virtual depth beyond which a focal length no longer distinguishes focus at infinity."""
+"""Largest virtual depth in focus that a focal length distinguishes from infinity."""
 
 FOCUS = "Virtual depths in focus, one or three; inf: focused at infinity (f = gap)"
 DISTORTED = "Deviation of the micro-images from straight rows, and its largest value; measured in a white image"
@@ -177,7 +177,7 @@ LIGHT = (
 
 OF_A_LATTICE = ("kind", "pitch_um", "row_pitch_um", "gap_um", "rotation_rad", "shear_rad", "clear_um")
 IN_A_PUPIL = ("fourier_um", "gap_um", "focal_lengths_um", "clear_um", "aperture")
-"""Values that share a field, for lenslets in an image plane and in a pupil plane."""
+"""Attributes of a lattice that have a field of the same name: of lenslets in an image plane, and in a pupil plane."""
 
 BASIC = (
     *("optics.focal_length_um", "optics.f_number", "optics.working_distance_um"),
@@ -258,7 +258,7 @@ def state_with(state: ProjectState, camera: Camera, *, same: bool = False) -> di
 
     The plan is kept if the image geometry is unchanged. If the camera is the ``same`` with another description, a new
     plan is made with the planes, exposures and stage of the old one. Its cutout and anchor are kept, unless they were
-    the suggested ones.
+    the suggested ones. For another camera, the plan is removed.
     """
     plan = state.plan
     if plan is not None and _same_geometry(state.camera, camera):

@@ -135,7 +135,7 @@ class Checked:
 
     @property
     def role(self) -> str:
-        """Colour of the result: ``"good"``, ``"fair"`` or ``"bad"``."""
+        """Merit of the result, which determines its colour: ``"good"``, ``"fair"`` or ``"bad"``."""
         return {FITS: "good", DIFFERS: "fair"}.get(self.check.verdict, "bad")
 
     @property

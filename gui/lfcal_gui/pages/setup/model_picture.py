@@ -134,7 +134,7 @@ class ScanScene:
         return camera if few else None
 
     def scan_overlays(self) -> tuple[Overlay, ...]:
-        """Return the border of the scan and its path."""
+        """Return the path of the scan and its border."""
         plan = self.plan
         if plan is None:
             return ()
@@ -319,7 +319,7 @@ class Number:
 
 
 def numbers_of(costs: ScanCosts | None, checked: Checked | None) -> tuple[Number, ...]:
-    """Return time, bytes and noise of the scan, and the residual of the lattice."""
+    """Return time, bytes and noise of the scan, and the residual of the measured lattice or else of the period."""
     found = []
     if costs is not None:
         forecast = costs.forecast

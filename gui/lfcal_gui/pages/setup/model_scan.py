@@ -174,10 +174,10 @@ def list_text(positions: NDArray[np.intp]) -> str:
 
 
 def plan_files(plan: ScanPlan, half: NDArray[np.intp] | None, path: str | Path) -> dict[Path, Callable[[], str]]:
-    """Return what makes the text of each file that is saved; ``half``: the positions of a half-cell scan.
+    """Return the files to save, each with a function that makes its text; ``half``: positions of a half-cell scan.
 
-    The suffix of ``path`` determines the format. Making the text of one that cannot describe the plan raises
-    `InputError`.
+    The suffix of ``path`` determines the format. The function raises `InputError` if this format cannot
+    describe the plan.
     """
     name = format_of(path)
     # a plan does not list the positions
