@@ -1,4 +1,4 @@
-"""Compiled inner loops of demosaicing by estimation: windows weighed by phase, two estimates blended by direction."""
+"""Compiled inner loops of demosaicing by estimation: windows weighted by phase, two estimates blended by direction."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _deal(mosaic: Mosaic, row: int, target: Float) -> None:
 
 @njit()
 def _weigh(rows: Float, kernel: Float, y: int, first: int, acc: Float) -> None:
-    """Add the windows in row ``y`` that begin at column ``first`` and at the following super-pixels."""
+    """Write to ``acc`` the weighted sums of windows in row ``y``, at column ``first`` and at later super-pixels."""
     window, side_x = kernel.shape[0], rows.shape[1]
     acc[:] = 0
     for i in range(window):

@@ -75,7 +75,7 @@ LEAST_WEIGHT = 0.004
 """Weights below this are omitted: two fifths for a Bayer pattern, with a loss below 0.01 dB on photographs."""
 
 LEAST_REACH = (3, 4)
-"""Windows of 7 x 7 pixels for one estimate and of 9 x 9 for two that are compared: wider ones gain nothing."""
+"""Smallest reach (pixels) of one estimate, and of two that are compared; wider windows gain nothing."""
 
 
 def reach_of(modulator: Modulator, estimates: int) -> int:

@@ -130,7 +130,7 @@ def sensor_noise(
     sensor
         Sensor, whose full well, read noise, dark current, bit depth, DSNU and PRNU are used.
     gain
-        Amplifier gain: full scale corresponds to the full well divided by the gain (electrons).
+        Amplifier gain as a factor (not dB): full scale corresponds to the full well divided by the gain (electrons).
     exposure_s
         Exposure time (s), which determines the dark signal.
     flat_corrected

@@ -60,7 +60,7 @@ class Acquisition:
 
     @property
     def snr_db(self) -> float:
-        """Signal-to-noise ratio (dB), 10 log10(mean of `truth` / `noise`); inf without noise (Ihrke et al., eq. 13)."""
+        """Signal-to-noise ratio (dB), 10 log10(mean(`truth`) / `noise`); inf without noise (Ihrke et al., eq. 13)."""
         return 10 * math.log10(float(self.truth.mean()) / self.noise) if self.noise > 0 else math.inf
 
 

@@ -24,10 +24,10 @@ from lfcal.base import (
 __all__ = ["DisplayFit", "code_files", "display_fit", "display_frames", "save_code"]
 
 PLACING_PX = 0.1
-"""Tolerance of the positions of points that are not measured (pixels in the image)."""
+"""Tolerance of the positions of points, if these are not measured (pixels in the image)."""
 
 WHOLE = 1e-3
-"""Deviation from a whole number of display pixels below which a step counts as whole."""
+"""Relative deviation from a whole number of display pixels below which a step counts as whole."""
 
 
 @dataclass(frozen=True, slots=True)

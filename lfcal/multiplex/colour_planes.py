@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 CHANNELS = ("", "R", "G", "B", "each")
-"""Selectable colours; empty: all colours of a mosaic, or the only plane of a grey frame."""
+"""Selectable colours. Empty: all colours of a mosaic, or the only plane of a grey frame; ``each``: R, G and B."""
 
 COLOURS = ("R", "G", "B")
 

@@ -22,7 +22,7 @@ __all__ = ["Design", "best_array", "best_printed_mask", "with_crosstalk"]
 Array = NDArray[np.float64]
 
 MOST_TRIED = 200_000
-"""Number of candidates up to which all are tried."""
+"""Largest number of candidates of `best_array`, which are all tried."""
 
 BATCH = 4096
 
@@ -196,7 +196,7 @@ def _known_equal(
 
 
 def _batches(kinds: int, count: int, *, places: bool) -> Iterator[NDArray[np.intp]]:
-    """Yield all choices ``(n, count)``; without crosstalk, the order of the filters does not matter."""
+    """Yield all choices of filters ``(n, count)``; without ``places``, one choice for each set of filters."""
     every = (
         itertools.product(range(kinds), repeat=count)
         if places
@@ -368,7 +368,10 @@ def _open_masks(size: int) -> list[Array]:
 
 
 def _climbed(start: Array, levels: int, gains: _MaskGain) -> tuple[Array, float, int]:
-    """Repeatedly change the pixel that increases the gain most, until no change increases it."""
+    """Repeatedly change the pixel that increases the gain most, until no change increases it.
+
+    Return the mask, its gain (dB), and the number of masks that were tried.
+    """
     now, tried = start, 0
     value = float(gains.of(now[None] / (levels - 1))[0])
     while True:

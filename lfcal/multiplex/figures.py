@@ -44,7 +44,7 @@ def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float
     folder
         Folder for the figures; created if it does not exist.
     raw
-        RAW file for figure 3, which must state its colour filters. None: a synthetic scene.
+        RAW file for figure 3; the file must state its colour filters. None: a synthetic scene.
     marks
         chi^2 of cameras to mark in figure 6, by name.
     seed

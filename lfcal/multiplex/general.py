@@ -3,8 +3,8 @@
 If every pixel has different transmissions, no measurement channel can be interpolated, and super-pixels have no common
 decorrelation. The samples are then computed from all pixels together, on a separate grid with linear interpolation
 between its nodes. Conjugate gradients minimise sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration
-takes about 14 multiply-adds per pixel and sample (`GeneralModel.operations`), and usually 20 to 200 iterations are
-needed. The routes for super-pixels take one pass.
+takes about 7 to 14 multiply-adds per pixel and sample (`GeneralModel.operations`), and usually 20 to 200 iterations
+are needed. The routes for super-pixels take one pass.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class GeneralSamples:
     iterations
         Number of iterations of the conjugate gradients.
     residual
-        Weighted rms of the difference between the frame and its prediction, relative to the rms of the frame.
+        Weighted rms of the difference between the frame and its prediction, relative to the weighted rms of the frame.
     operations
         Total number of multiply-adds.
     """
@@ -129,7 +129,7 @@ def iter_demultiplex_generally(
         Weight of the squared differences between adjacent nodes, relative to the mean weight of the measurements. This
         regularisation determines samples that no pixel measures.
     tolerance
-        Fraction of its initial value below which the norm of the gradient must fall for the iterations to stop.
+        The iterations stop when the norm of the gradient is at most this fraction of its initial value.
     most
         Maximum number of iterations.
 

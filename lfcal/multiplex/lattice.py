@@ -51,8 +51,9 @@ class Offsets(NamedTuple):
 class _Source(NamedTuple):
     """Data from which samples are computed.
 
-    It consists of the super-pixels, their fractions in each sample (sparse), and those of the super-pixels around it.
-    The frame's shape, its light times the root of the weights, and the weights of the pixels follow.
+    The fields are the grid of super-pixels, the fractions of super-pixels in each sample (sparse matrices, of which
+    ``wide`` includes the surrounding super-pixels), the shape of the frame, its light times the square root of the
+    weights, and the weights of the pixels.
     """
 
     grid: ViewGrid

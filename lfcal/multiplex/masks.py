@@ -32,7 +32,7 @@ MASKS = ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
 MAX_SIZE = math.isqrt(MAX_SAMPLES)
 
 MAX_SHIFT_PX = 1e4
-"""Largest shift of the shadow from view to view (pixels); the blur of a view is summed over as many periods."""
+"""Largest shift of the shadow from view to view (pixels), which limits the computing time."""
 
 
 def mask(kind: str, size: int) -> Modulator:

@@ -1,6 +1,6 @@
 """Noise of multiplexed acquisition: transmission, noise amplification and SNR gain (equations 12 to 14).
 
-In addition to equation 14, it computes the gain of each sample and the gain for a sensor with all its noise.
+In addition to equation 14, there are the gain of each sample and the gain for a sensor with all its noise.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -
         Sensor, whose full well, read noise, dark current and bit depth are used (`sensor_noise`). Without additive
         noise, chi^2 is inf.
     gain
-        Amplifier gain: full scale corresponds to the full well divided by the gain (electrons).
+        Amplifier gain as a factor (not dB): full scale corresponds to the full well divided by the gain (electrons).
     exposure_s
         Exposure time (s), which determines the dark signal.
 

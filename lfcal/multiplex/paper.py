@@ -34,7 +34,7 @@ BLUR = 0.45
 
 CELLS = (30, 36)
 INNER = np.s_[6:-6, 6:-6]
-"""Distance from the border that is excluded in figure 5 (samples)."""
+"""Samples that are compared in figure 5: all except six at each border."""
 
 PATTERNS = ("CYMG", "CYYM", "Sony", "RGBW", "CMYW", "Bayer")
 LIGHT_FIELD = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")

@@ -126,7 +126,7 @@ class FilterTrial:
     route, filter
         Route and filter of the reconstruction, as in `demultiplex`.
     seconds
-        Shortest elapsed time of all timed runs (s).
+        Shortest elapsed time of all runs (s).
     error
         Rms error of the samples, excluding the border, divided by the range of values of the scene.
     ringing
@@ -179,7 +179,7 @@ def iter_measure_filters(
     noise
         Noise that is added to the frame, in its units: an array ``(rows, columns)``, or one number for all pixels.
     rounds
-        Number of timed runs for each pair after the first run, which may include compilation; the shortest time is
+        Number of runs for each pair in addition to the first one, which may include compilation; the shortest time is
         returned.
     workers
         Number of threads. None: one for each available CPU core.

@@ -27,7 +27,7 @@ class RecordedFrame(NamedTuple):
     black_level: Any
 
     def level(self, given: float | None = None, sensor: Sensor | None = None) -> Any:
-        """Return ``given``, or else the black level in counts: that of the file, that of the sensor, or 0."""
+        """Return the black level (counts): ``given``, else that of the file, else that of the sensor, else 0."""
         if given is not None:
             return given
         if self.black_level is not None:
@@ -37,9 +37,10 @@ class RecordedFrame(NamedTuple):
     def weights(self, level: Any, sensor: Sensor | None, mask: Path | None, **how: Any) -> NDArray[Any] | None:
         """Return the weight ``(rows, columns)`` of each pixel; None without sensor, mask and non-finite pixels.
 
-        Pixels that are not finite, and those that the file ``mask`` marks, have the weight 0. With ``sensor``, so have
-        saturated pixels, and the weights of the others are inverse variances; without it, they are 1. ``level`` is the
-        black level (counts). ``how`` contains further options of `lfcal.multiplex.pixel_weights`.
+        Pixels that are not finite, and those that the file ``mask`` marks, have the weight 0. With ``sensor``,
+        saturated pixels also have the weight 0, and the weights of the others are inverse variances. Without
+        ``sensor``, the weights of the others are 1. ``level`` is the black level (counts). ``how`` contains further
+        options of `lfcal.multiplex.pixel_weights`.
         """
         lost = lost_pixels(self.raw, self.path, mask)
         missing = int(np.count_nonzero(~np.isfinite(self.raw)))

@@ -190,7 +190,7 @@ def best_filter_set(
 
 
 def _filters_cost(a: Array, chi2: float) -> tuple[float, Array]:
-    """Return the log of the samples' variance and its gradient for the transmissions ``a`` ``(K, N)``.
+    """Return the log of the samples' variance and its gradient with respect to the transmissions ``a`` ``(K, N)``.
 
     The shot noise of each pixel follows from the light on it. With the mean of equation 12, a dark pixel would seem to
     be an advantage, because it lowers the transmission.
@@ -210,7 +210,7 @@ def _filters_cost(a: Array, chi2: float) -> tuple[float, Array]:
 
 
 def _mask_cost(m: Array, chi2: float) -> tuple[float, Array]:
-    """Return log(alpha^2 s^2) and its gradient for the circulant mask ``m`` ``(p, p)``."""
+    """Return log(alpha^2 s^2) and its gradient with respect to the pattern ``m`` ``(p, p)`` of a mask."""
     additive, photon = noise_shares(chi2)
     spectrum = np.fft.fft2(m)
     power = np.abs(spectrum) ** 2 + 1e-12
@@ -319,7 +319,7 @@ class SearchProgress(Progress):
 def iter_mask_frontier(
     size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
 ) -> Work[Frontier]:
-    """Return a `Frontier` of known masks and masks found by a search for several values of chi^2, against a pinhole.
+    """Return a `Frontier`, relative to a pinhole, of known masks and of masks found for several values of chi^2.
 
     Parameters
     ----------

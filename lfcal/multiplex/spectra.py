@@ -241,7 +241,7 @@ def band_edges(bands: int | Sequence[float]) -> Array:
 
 
 def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
-    """Return Gaussian band-pass filters F0, F1, … with a peak transmission of 1, from 300 to 1100 nm.
+    """Return Gaussian band-pass filters F0, F1, … with a peak transmission of 1, tabulated from 300 to 1100 nm.
 
     ``middles_nm`` contains their centre wavelengths (nm), and ``width_nm`` is their full width at half maximum (nm).
 

@@ -38,7 +38,7 @@ class ModulatorNumbers:
     transmission, amplification
         Transmission tau and noise amplification alpha.
     lost
-        Names of the samples that are not fully recovered, each with its unrecoverable fraction.
+        Unrecoverable fraction (0 to 1) of each sample that is not fully recovered, by the name of the sample.
     gain_additive_db, gain_photon_db, gain_db
         Gain over the reference at chi^2 = 0, at infinity and at the camera's chi^2 (dB); None without a reference.
     """
