@@ -45,13 +45,13 @@ class Suspect:
     name
         The changed part.
     values
-        Change of each unknown, with its standard deviation and unit.
+        Name of each unknown, its change, the standard deviation of the change, and the unit.
     error, sigma
         Resulting change of H (relative L2 of the light), and its standard deviation due to noise.
     left
         Remaining error beyond noise (relative L2).
     gained
-        Decrease of the sum of squared residuals in standard deviations.
+        Decrease of the sum of squares of the residuals, which are in standard deviations.
     shows
         Whether the change is significant.
     """
@@ -167,7 +167,7 @@ class FrameResiduals:
 
 
 def explained_by(changes: Changes, left: FrameResiduals) -> tuple[Suspect, ...]:
-    """Return all suspects, the best explanation first; ``changes`` are in the units of the frames."""
+    """Return all suspects, the best explanation first; ``changes`` must be in the units of the frames."""
     columns = left.without_nuisance(changes.columns.reshape(len(changes.names), len(left.residual), -1))
     residual = left.without_nuisance(left.residual[None])[0]
     found = []
@@ -178,7 +178,7 @@ def explained_by(changes: Changes, left: FrameResiduals) -> tuple[Suspect, ...]:
 
 
 def _sorted_suspects(found: Sequence[Suspect]) -> tuple[Suspect, ...]:
-    """Return the suspects, the best explanation first; every unknown must improve the explanation."""
+    """Return the suspects, sorted by decreasing ``gained`` minus 2 for each unknown."""
     return tuple(sorted(found, key=lambda one: 2 * len(one.values) - one.gained))
 
 
@@ -257,7 +257,7 @@ class _State:
     Attributes
     ----------
     u
-        The suspect's unknowns, in scales.
+        All unknowns of the camera, in multiples of their scales.
     offsets
         Displacements of the sources ``(n, 2)`` (pixels).
     left
@@ -408,7 +408,7 @@ def _displaced(left: FrameResiduals, change: F8) -> F8:
 
 
 def _step(state: _State, columns: F8) -> tuple[F8, F8, F8]:
-    """Return the best step, its covariance, and the columns in sigmas, without the part that nuisances explain."""
+    """Return the best step, its covariance, and columns in sigmas without the part that nuisance parameters explain."""
     x = state.left.without_nuisance(columns)
     residual = state.left.without_nuisance(state.left.residual[None])[0]
     return *_best_step(x, residual), x

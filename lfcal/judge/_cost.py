@@ -62,7 +62,7 @@ class Costs:
     as_it_is
         Error of a reconstruction due to the noise and faults of H.
     costs
-        Additional error due to each finding; errors add in squares. None: not measured.
+        Additional error due to each finding; errors add in quadrature. None: not measured.
     whole
         Whether the errors are those of all of H instead of a part of it.
     """
@@ -121,7 +121,7 @@ def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | Non
 
 
 def _beyond(error: float, clean: float) -> float:
-    """Return the part of an error that is not due to noise; independent errors add in squares."""
+    """Return the part of an error that is not due to noise; independent errors add in quadrature."""
     return math.sqrt(max(0.0, error**2 - clean**2))
 
 

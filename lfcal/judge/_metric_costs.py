@@ -22,7 +22,7 @@ FRAMES = ("missing", "duplicates", "suspect", "misplaced")
 """Keys of metrics that report single frames, whose errors are in H itself."""
 
 NOISY = ("snr", "noise")
-"""Keys of metrics of noise, whose cost is that of the noise of H."""
+"""Keys of metrics of noise; their cost is the cost of the noise of H."""
 
 IN_PATTERNS = frozenset(
     {
@@ -122,7 +122,7 @@ def with_costs(
     costs
         Measured costs: first those of ``faults``, then those of these metrics.
     faults
-        The named faults with their costs.
+        Costs of the named faults. None: not measured.
     """
     own = dict(zip(keys, costs.costs[len(faults) :], strict=True))
     rest = _unnamed(costs, faults)

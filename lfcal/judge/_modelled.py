@@ -37,10 +37,10 @@ SOME = 5
 """Number of patterns, spread over a plane, with which its depth is searched for."""
 
 STEP_PX = 0.2
-"""Displacement of the source for its derivative (pixels)."""
+"""Displacement of the source with which derivatives with respect to its position are computed (pixels)."""
 
 STEP_DEPTH = 0.01
-"""Change of the virtual depth for its derivative."""
+"""Relative change of the virtual depth with which derivatives with respect to it are computed."""
 
 FAR_PX, FAR_DEPTH = 0.2, 0.005
 """Displacement (pixels) and relative change of depth above which derivatives are computed again."""

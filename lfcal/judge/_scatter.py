@@ -35,7 +35,7 @@ EACH = 8
 """Mean number of values at each level above which values are in steps."""
 
 ENOUGH = 50
-"""Number of samples of a bin that limit the noise."""
+"""Number of samples that a bin needs to limit the slope of the noise."""
 
 
 def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[float, float]:

@@ -91,7 +91,8 @@ def sparse(shape: tuple[int, int, int], seed: int = 0) -> F8:
 
 
 SCENES: tuple[Scene, ...] = (scene, sparse)
-"""Scenes with which costs are measured: uniform light shows wrong fractions, and single points show wrong positions."""
+"""Scenes with which costs are measured: smooth light shows errors of brightness, and single points show errors of
+position."""
 
 
 def difference(volume: F8, reference: F8) -> float:

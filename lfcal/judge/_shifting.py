@@ -23,9 +23,9 @@ def _frequencies(shape: tuple[int, int]) -> tuple[F8, F8]:
 
 
 def shifted(patterns: F8, shift: F8) -> tuple[F8, F8, F8]:
-    """Return patterns ``(n, nt, ns)`` shifted by (row, column) pixels, and their slopes along rows and columns.
+    """Return patterns ``(n, nt, ns)`` shifted by (row, column) pixels, and their derivatives by row and by column.
 
-    Cutouts have an odd number of pixels, for which every frequency of the Fourier series has a sign.
+    Cutouts have an odd number of rows and of columns, so that their Fourier series contain no Nyquist frequency.
     """
     shape = (patterns.shape[1], patterns.shape[2])
     v, u = _frequencies(shape)

@@ -33,7 +33,7 @@ __all__ = ["Check", "check", "iter_check"]
 F8 = NDArray[np.float64]
 
 LIMIT = 0.02
-"""Error of H (relative L2) up to which it is valid."""
+"""Error of H (relative L2) up to which H is valid."""
 
 CLEAR = 3.0
 """Standard deviations by which an error must exceed the limit."""
@@ -42,7 +42,7 @@ VAGUE = 3.0
 """Multiple of the limit below which an upper limit of the error is good enough to decide."""
 
 ASKED = 8
-"""Number of frames used to find suspects; more would take longer without benefit."""
+"""Largest number of frames used to find suspects; more would take longer without benefit."""
 
 SURE, MORE = 0.7, 0.2
 """Correlation below which a source is searched for away from its stated position, and the improvement that is
@@ -52,7 +52,7 @@ SAME = 0.3
 """Chi² below which a frame does not differ from the frames of H."""
 
 BESIDE = 0.1
-"""Displacement of sources above which it is reported (pixels)."""
+"""Mean displacement of the sources above which it is reported (pixels)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +68,9 @@ class Check:
     limit
         Largest error of a valid H (relative L2).
     stated
-        Error that H itself states (relative L2).
+        Largest error that the file of H states for the planes of the frames (relative L2). 0: it states none.
     doubt
-        Uncertainty of the prediction for sources between positions of H (relative L2).
+        Largest uncertainty of the predicted patterns, because the sources are between positions of H (relative L2).
     suspects
         Possible changes of the camera since H was made, the best explanation first.
     model_misfit

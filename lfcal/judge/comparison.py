@@ -34,7 +34,7 @@ FLOOR = 0.05
 
 A, B = 0, 1
 MODEL = slice(2, 5)
-"""Columns of the sums: a, b, and b at the best shift with its slopes along rows and columns."""
+"""Columns of the sums: a, b, and the shifted b with its derivatives with respect to row and column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +52,9 @@ class Figures:
     scaled
         ``|a - g b| / |a|`` at this scale: 0 if both are proportional, 1 if they have nothing in common.
     shift_px
-        Sub-pixel shift (row, column) of ``a`` relative to ``b`` (pixels).
+        Best-fit shift (row, column) of ``a`` relative to ``b``, with sub-pixel precision (pixels).
     left
-        Like ``scaled``, with best-fit scale and shift.
+        ``|a - g b| / |a|``, with ``b`` shifted by ``shift_px`` and the best-fit scale g.
     correlation
         ``sum(a b) / sqrt(sum(a²) sum(b²))``.
     """
@@ -228,8 +228,8 @@ def iter_compare(
     """Compare two H, with only a few rows of positions in memory at a time, and return the `Comparison`.
 
     The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them. For
-    the refinement, ``b`` is shifted with its Fourier series. The residual is then fitted by least squares with the
-    scale and the derivatives of ``b``.
+    the refinement, ``b`` is shifted with its Fourier series. Then ``a`` is fitted by least squares with the shifted
+    ``b`` and its derivatives with respect to row and column.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ PUPILS = (0.75, 0.85, 0.9, 0.95, 1.05, 1.1, 1.2, 1.35)
 """Diameters of the iris that are tried, relative to the stated one."""
 
 FINER = (0.5, 0.25)
-"""Steps around the best of these, relative to their spacing."""
+"""Steps around the best gap or diameter, relative to the spacing of those that are tried."""
 
 BLADES = (0, 4, 5, 6, 7, 8, 9)
 """Numbers of iris blades that are tried."""
@@ -75,8 +75,8 @@ OVERLAP = 0.2
 """Fraction of the camera's light that cutouts must contain for another position on the sensor to be searched for."""
 
 DARK, LIT = 0.5, 0.05
-"""Fraction of the light below which a part of the pupil is blocked; fraction of the brightest part from which it
-counts."""
+"""Fraction of the expected light below which a part of the pupil is blocked, and fraction of the largest expected light
+above which a part is examined."""
 
 BLOCKED = (0.03, 0.6)
 """Fractions of the pupil that may be blocked."""
@@ -150,7 +150,7 @@ class Disagreement:
         Description of the disagreement, as text.
     misfit, correlation
         Fraction of the light that the camera does not explain (relative L2), and median correlation of the patterns
-        with its predictions. None: not measured.
+        with the predictions of the camera. None: not measured.
     explanation
         A change of the description that explains the patterns much better. None: none was found.
     fitted
@@ -262,7 +262,7 @@ def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = Non
 
 
 def _orientation(few: _Few) -> Work[Explanation | None]:
-    """Explain patterns by another orientation, if they match their camera in it.
+    """Explain patterns by another orientation, if they match the patterns of the camera in that orientation.
 
     Patterns of a few positions are compared with all of H in all eight orientations, so that an orientation is found
     whatever happened to the positions.

@@ -28,7 +28,7 @@ class RegionLoss:
         Sensor position (row, column) of position (0, 0) of each region, ``(n, 2)`` (pixels).
     error
         ``|a / s - b| / |b|`` (L2) of each pattern, ``(n, nz, ny, nx)``; NaN if not compared. Here a is the pattern, b
-        that of the first region at the same position, and s the factor that makes their energies equal.
+        the pattern of the first region at the same position, and s the factor that makes their sums equal.
     shift_px
         Root mean square of the shifts of the centroids from those of the first region, ``(n,)`` (pixels).
     """
@@ -60,7 +60,7 @@ class RegionLoss:
 
 
 def iter_region_loss(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[RegionLoss]:
-    """Compare the regions of an H file with the first one, which is the default.
+    """Compare the regions of an H file with the first region, which is the default one.
 
     Raises
     ------

@@ -57,7 +57,7 @@ KINDS: tuple[Kind, ...] = ("recording", "H", "fit", "report", "export", "volume"
 of one of these."""
 
 DEPTH = 4
-"""Number of levels of folders that are searched."""
+"""Number of levels of subfolders that are searched."""
 
 MOST_FOLDERS = 20_000
 MOST_IMAGES = 64
@@ -69,7 +69,7 @@ HEAD = 1 << 14
 """Number of bytes of a damaged TIFF file that are searched for the name of lfcal."""
 
 EVERY_S = 0.2
-"""Time between two records of progress (s)."""
+"""Shortest time between two records of progress (s)."""
 
 Facts = tuple[tuple[str, str], ...]
 

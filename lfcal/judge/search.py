@@ -12,8 +12,8 @@ from lfcal.judge.fault import FAULTS, Fault, FoundFault
 __all__ = ["iter_search"]
 
 STRONG, MOST, SURELY = 0.04, 0.5, 6.0
-"""Misfit above which strong faults are searched for first, the fraction of it that one must then explain, and its
-required significance in standard deviations."""
+"""Misfit above which strong faults are searched for first, fraction of the misfit that a strong fault must explain, and
+its required significance in standard deviations."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Evidence]]:

@@ -92,7 +92,8 @@ class Course:
         Slope of the line through the compared values, and its standard deviation; NaN if unknown, for fewer than two
         values, or if they span less than `SHORTEST_S`.
     change, change_sigmas
-        Change from the oldest to the newest value, absolute and in combined standard deviations; NaN if unknown.
+        Change from the oldest to the newest compared value, absolute and in combined standard deviations; NaN if
+        unknown.
     jumps
         Changes of a parameter between consecutive compared sessions that are significant (`Trend.limit`).
     worse, better
@@ -123,7 +124,7 @@ class Course:
 
     @property
     def notable(self) -> bool:
-        """Whether a known value is not rated "good" in at least one session, as all values of parameters."""
+        """Whether at least one known value is not rated "good"; True for every parameter with a known value."""
         return any(one is not None and one.merit != "good" for one in self.points)
 
     def to_dict(self) -> dict[str, object]:
@@ -150,7 +151,7 @@ class Trend:
     sessions
         Fits or inspections, the oldest first.
     courses
-        All parameters of fits, or all faults and metrics of inspections, with those that got worse first.
+        All parameters of fits; or all faults and then all metrics of inspections, each with those that got worse first.
     limit
         Number of standard deviations above which a change of a parameter is significant.
     notes
@@ -429,8 +430,8 @@ def _apart(a: CoursePoint, b: CoursePoint) -> float:
 def _slope(times: Sequence[datetime], points: Sequence[CoursePoint]) -> tuple[float, float]:
     """Return slope per month and its standard deviation, by weighted least squares.
 
-    Where values scatter about the line by more than their own standard deviations, the scatter counts. Values without
-    standard deviations have equal weights, and their slope has no standard deviation.
+    If values scatter about the line by more than their standard deviations, the standard deviation of the slope is
+    increased by the same factor. Values without standard deviations have equal weights, and their slope has none.
     """
     months = np.array([(when - times[0]).total_seconds() for when in times]) / MONTH_S
     values = np.array([point.value for point in points])

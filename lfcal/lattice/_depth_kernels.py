@@ -285,7 +285,7 @@ def _add(sums: Float, off: float, error: float, step: float, number: int) -> Non
 
 @njit()
 def _modes(histogram: Float, rho: Float) -> tuple[Float, Float]:
-    """Return the most frequent inverse slope of each sample, three bins wide, and its fraction of all ``(2, ...)``."""
+    """Return the most frequent inverse slope (three bins) of each sample, and its fraction, both ``(rows, columns)``."""
     count, high, wide = histogram.shape
     best, share = np.full((high, wide), np.nan), np.zeros((high, wide))
     for y in range(high):
@@ -377,10 +377,10 @@ def _add_view(view: Float, good: Float, move: tuple[float, float], sums: Float, 
 
 @njit()
 def sweep_rows(views: Float, good: Float, moves: Float, out: Float, rows: tuple[int, int], fewest: int) -> None:
-    """Write the sums of squares and the terms of rows of the views on a plane to ``out`` ``(2, rows, columns)``.
+    """Write sums of squares and numbers of terms of rows of the views on a plane to ``out`` ``(2, rows, columns)``.
 
     View ``n`` of ``views`` ``(n, rows, columns)`` shows sample S of the plane at S + moves[n]. ``good`` are weights:
-    one over the variance of the noise, or 0. Samples that fewer than ``fewest`` views show have no terms.
+    one over the variance of the noise, or 0. Samples that fewer than ``fewest`` views show have 0 terms.
     """
     sums, gain = np.zeros((4, rows[1] - rows[0], views.shape[2]), np.float32), 0.0
     for n in range(len(views)):
@@ -398,7 +398,7 @@ def sweep_rows(views: Float, good: Float, moves: Float, out: Float, rows: tuple[
 def match_views(volume: Float, how: Matching, found: Float, rows: tuple[int, int], fewest: int) -> None:
     """Write slope and standard error of rows of the central view to ``found`` ``(2, rows, columns)``.
 
-    ``volume`` ``(m, 2, rows, columns)`` are the sums of squares and of terms on planes of slopes ``how.rho``.
+    ``volume`` ``(m, 2, rows, columns)`` are the sums of squares and numbers of terms on planes of slopes ``how.rho``.
     ``fewest`` is as in `sweep_rows`.
     """
     least = fewest * MIN_TERMS * (2 * how.half + 1) ** 2

@@ -19,7 +19,7 @@ FLOOR = 2e-3
 """Variation of the light that is always assumed, relative to its mean, due to interpolation and to the sensor."""
 
 GOOD_PX = 0.3
-"""Disparity error (pixels) for which the confidence is the probability to stay below it."""
+"""Disparity error (pixels); the confidence is the probability that the error is smaller."""
 
 MIN_CONFIDENCE = 0.3
 """Smallest confidence of a known depth."""
@@ -37,7 +37,8 @@ class DepthMap:
         Standard error of `slope`, in the same shape.
     confidence
         Probability (0 to 1) that the error of the disparity is less than 0.3 px, in the same shape; 0 where the depth
-        is unknown. It is estimated from the standard error and the fraction of micro-images that agree.
+        is unknown. It is estimated from the standard error and, for micro-images, from the fraction of their depths
+        that agree.
     image
         All-in-focus image of the central view, in the same shape.
     method

@@ -114,7 +114,7 @@ def check_white(even: Evenness, residual_px: float, noise: float, pitch: float) 
     Parameters
     ----------
     even
-        From `evenness`.
+        Uniformity of the light, as returned by `evenness`.
     residual_px
         Residual of the lattice (px rms).
     noise

@@ -1,4 +1,4 @@
-"""Models of a lattice with five numbers up to a quintic distortion; their robust fit, and the choice between them."""
+"""Models of a lattice, from five parameters to a quintic distortion; their robust fit, and the choice between them."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ SHELLS = 6
 """Number of different lengths of the waves that are used, which are the shortest ones."""
 
 BLADES = (3, 5, 7, 9, 11)
-"""Odd numbers of blades; with an even number, the centre is that of symmetry."""
+"""Odd numbers of blades; with an even number, the centre is the centre of symmetry."""
 
 MIN_IMPROVEMENT = 4.0
 """Smallest factor by which a polygon must reduce the odd residuals of a symmetric micro-image (sums of squares)."""
@@ -52,7 +52,7 @@ STEP = 1e-7
 """Relative step for numerical derivatives, of each parameter or of 1."""
 
 SAMPLED_PX = 80.0
-"""Reach (pixels) of a cell of whose table every sample is used; for one n times as large, it is every nth sample."""
+"""Reach of a cell (pixels) up to which every sample of its table is used; for n times this reach, every nth is."""
 
 CONTRAST = 1e-3
 """Fraction of the light below which a wave is not used."""

@@ -24,7 +24,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 MIN_PITCH, MIN_ROW_PITCH = 4.0, 3.0
-"""Smallest pitch along a row, and smallest distance of rows (pixels): that of hexagonal arrays is 0.87 pitches."""
+"""Smallest pitch along a row, and smallest distance of rows (pixels): hexagonal rows are 0.87 pitches apart."""
 
 
 def check_row_pitch(row_pitch_px: float) -> None:

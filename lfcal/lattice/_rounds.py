@@ -65,7 +65,7 @@ NEW_DEAD = 0.1
 """Fraction of newly found dead lenslets above which the mean micro-image is computed again without them."""
 
 EVEN, STEEP = 0.01, 0.1
-"""Relative changes of light between lenslets at which their effect is distinguished from chance, and well known."""
+"""Relative changes of light between lenslets above which positions are corrected, and above which they are not used."""
 
 RIM = 0.3
 """Deviation of a lenslet's light from its neighbourhood above which a part of it may be shaded."""

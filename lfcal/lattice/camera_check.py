@@ -35,8 +35,8 @@ class CheckLine:
     expected, measured
         Described and measured value with units; the measured value includes its standard error, if known.
     edge_px
-        Displacement of a micro-image at the frame's edge due to the difference (pixels); None if the value does not
-        cause any.
+        Displacement of a micro-image due to the difference (pixels): at the frame's edge, or the rms distance from the
+        lattice. None: the value does not displace micro-images.
     verdict
         `FITS`, `DIFFERS`, `WRONG`, or `UNKNOWN` if the expected value was only assumed.
     """

@@ -122,16 +122,16 @@ def iter_depth_map(
         Camera, from which the range of slopes, the blur of the lens types and the method are derived. None: unknown.
     type_of
         Function that returns the lens types of lenslets (q, r): `LensTypes.type_of`, or `LensletLattice.type_of` if
-        ``lattice`` is that of the camera. Comparisons of lenslets with different blur then have less weight. None: a
-        single type.
+        ``lattice`` is the lattice of the camera. Comparisons of lenslets with different blur then have less weight.
+        None: a single type.
     method
         ``"micro-images"``: match each micro-image with its neighbours, for lenslets that are focused on the scene.
         ``"views"``: compare the views refocused on several planes, for lenslets focused at infinity. ``"auto"``: choose
-        by the focus of the camera's lenslets; without a camera, choose the method that explains more of the light in
-        the middle of the frame.
+        by the focus of the camera's lenslets; without a camera, choose ``"views"`` if ``slopes`` are between -1.5 and
+        1.5, and otherwise the method with the higher mean confidence in the middle of the frame.
     slopes
-        Smallest and largest slope to consider (see `sensor_slope`). None: those of the camera's lenslets, or the limits
-        of the method without a camera.
+        Smallest and largest slope to consider (see `sensor_slope`). None: for ``"micro-images"``, the slopes that the
+        camera's lenslets show, or without a camera all slopes beyond ±1.5; for ``"views"``, -8 to 8.
     radius_px
         Radius of the micro-images (px). None: 0.45 times the smaller of pitch and row pitch.
     workers
@@ -228,7 +228,7 @@ def metric_depth(
     origin: tuple[int, int] = (0, 0),
     measured: Sequence[tuple[float, float]] = (),
 ) -> DepthMap:
-    """Return a copy of a depth map with depths in µm, corrected with planes of known depth if any are given.
+    """Return a copy of a depth map with depths and lateral positions (µm), corrected with planes of known depth.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def metric_depth(
         Sensor position (row, column) of the first pixel of the frame (px).
     measured
         Known depth (µm) and measured slope of each calibration plane, for example from H. A line fitted to them
-        corrects the slopes before they are converted; a single plane corrects only their scale.
+        corrects the slopes before they are converted; a single plane corrects only their scale. Empty: no correction.
 
     Examples
     --------
@@ -402,7 +402,7 @@ def _hot(light: Image) -> NDArray[np.bool_]:
 
 
 def _own_white(light: Image, good: NDArray[np.bool_], centres: Array, radius: float) -> Image:
-    """Return the fall-off in the micro-images as a white frame: their mean over the frame, by the radius."""
+    """Return a white frame with the fall-off in the micro-images: their mean as a function of the radius."""
     side = math.ceil(radius)
     steps = np.indices((2 * side + 1, 2 * side + 1)).reshape(2, -1).T - side
     places = np.rint(centres).astype(np.intp)[:, None, :] + steps
@@ -618,7 +618,7 @@ def _iter_views(
 
 
 def _compared(scene: _Scene, workers: int | None) -> tuple[Image, Image, Array, ViewGrid]:
-    """Return the views relative to the white frame less 1, their weights ``(n, rows, columns)``, offsets and grid."""
+    """Return the views relative to the white frame minus 1, their weights ``(n, rows, columns)``, offsets and grid."""
     lit = np.where(scene.good > 0, scene.lit, 0).astype(np.float32)
     views = extract_views(scene.light * lit, scene.lattice, radius_px=scene.radius, full=True, workers=workers)
     weights = sample_views(lit, views.grid, np.empty_like(views.images), workers=workers)

@@ -78,8 +78,8 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
     Raises
     ------
     InputError
-        If the camera has a periodic lattice, the frame does not show its whole sensor, the number of discs is not that
-        of the lenslets, a disc is truncated by the edge of the frame, or the discs are far from the positions in the
+        If the camera has a periodic lattice, the frame does not show the whole sensor, the numbers of discs and
+        lenslets differ, a disc is truncated by the edge of the frame, or the discs are far from the positions in the
         description.
 
     Examples

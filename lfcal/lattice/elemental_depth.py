@@ -30,13 +30,13 @@ BLUR_PX = 16.0
 """Blur of an elemental image up to which depths are searched (diameter, pixels): beyond it, little texture is left."""
 
 LIT = 0.2
-"""White light below which pixels are left out, relative to the brightest of the elemental image."""
+"""White light below which pixels are left out, relative to the brightest pixels of the white image."""
 
 LARGEST_SINE = 0.99
 """Largest sine of the angle of a lenslet's light in the object, relative to the index of the medium."""
 
 SAMPLES = 15
-"""Points across a lenslet for its mean position."""
+"""Number of points across a lenslet from which its mean position is computed."""
 
 FORECAST_PLANES = 3
 """Number of planes whose time is measured for a forecast."""
@@ -214,7 +214,7 @@ def _views(
     white: ArrayLike | None,
     mask: ArrayLike | None,
 ) -> tuple[MovedViews, tuple[float, float], float]:
-    """Return the elemental images in the frame, the place of the first sample of the central one, and the shift."""
+    """Return the elemental images, the position of the central one's first sample, and the largest shift per slope."""
     light, good = _light(frame, white, mask)
     lattice, _ = _described(camera)
     lenses = elemental_lenses(camera)

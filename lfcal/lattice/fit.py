@@ -42,7 +42,7 @@ RATIO_TOLERANCE = 0.06
 """Largest relative deviation of the distance of hexagonal rows from 0.87 pitches."""
 
 PARTLY_LIT = 0.75
-"""Fraction of the lattice's places within the outline of located micro-images below which a note reports it."""
+"""Fraction of the lattice's places within the outline of located micro-images below which a note is added."""
 
 ROUNDS = 4
 SETTLED_PX = 2e-3

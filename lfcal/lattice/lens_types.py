@@ -92,9 +92,9 @@ class LensTypes:
 def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[float, ...]:
     """Return the blur diameter of each lens type, ``|1/vf - 1/v|``, in lenslet diameters.
 
-    Here v is the ``virtual_depth`` of the point source in the frame, and vf that at which the lens type is in focus. If
-    ``virtual_depth`` is None, the frame is a white image, in which the lenslets image the pupil of the main lens. Then
-    v = -b/B, with the image distance b and the gap B. A virtual depth of 0 raises `InputError`.
+    Here v is the ``virtual_depth`` of the point source in the frame, and vf the virtual depth at which the lens type is
+    in focus. If ``virtual_depth`` is None, the frame is a white image, in which the lenslets image the pupil of the
+    main lens. Then v = -b/B, with the image distance b and the gap B. A virtual depth of 0 raises `InputError`.
 
     Examples
     --------

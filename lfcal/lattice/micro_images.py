@@ -129,7 +129,7 @@ class CameraLattice:
 class CroppedLattice:
     """The lattice ``whole`` on smaller frames of ``shape``, which show only a part of its frames.
 
-    ``origin`` is the position (row, column) of their first pixel in the frames of ``whole``.
+    ``origin`` is the position (row, column) of the first pixel of the smaller frames in the frames of ``whole``.
     """
 
     whole: FrameLattice

@@ -66,7 +66,8 @@ def sharpness_shares(camera: Camera, slope: float) -> tuple[float, ...]:
     """Return the weight of each lens type at a slope, proportional to 1 / blur² and 1 for the sharpest type.
 
     The blur on the sensor is ``d |1/v - 1/v_focus|``, to which one pixel is added in quadrature. Here d is the clear
-    diameter of a lenslet, v the virtual depth at the slope, and v_focus that at which the type is in focus.
+    diameter of a lenslet, v the virtual depth at the slope, and v_focus the virtual depth at which the type is in
+    focus.
 
     Examples
     --------

@@ -75,7 +75,7 @@ def save_total_focus(out: Path, colours: list[tuple[Array, Array]]) -> None:
 
 
 def _joined(colours: list[Array], axis: int) -> Array:
-    """Return arrays of several colours as one array; a single colour has no axis for it."""
+    """Return arrays of several colours as one array; for a single colour, no axis is added."""
     return colours[0] if len(colours) == 1 else np.stack(colours, axis=axis)
 
 

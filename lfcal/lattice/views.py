@@ -232,7 +232,7 @@ def sample_views(
     View (v, u) samples the frame at the offset (v - (nv - 1)/2, u - (nu - 1)/2) times ``step_px`` (down, right; px)
     from the centre of each micro-image. ``filter`` is the interpolation: ``"nearest"``, ``"linear"`` or ``"cubic"``.
     Each sample of a view is the weighted sum over the lenslets that ``grid`` states, or 0 if no lenslet sees it.
-    ``out`` is float32 or float64.
+    ``out`` must be float32 or float64.
 
     Examples
     --------
