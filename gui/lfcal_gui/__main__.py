@@ -1,4 +1,4 @@
-"""``python -m gui``: the same as ``lfcal-gui``."""
+"""Start the window with ``python -m lfcal_gui``, as with ``lfcal-gui``."""
 
 import sys
 

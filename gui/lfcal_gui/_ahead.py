@@ -1,4 +1,4 @@
-"""Pages made while the window is idle, so that the first look at a page only has to show it."""
+"""Make pages while the window is idle, so that a page appears quickly when the user first opens it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Ahead(QObject):
     keys
         Keys of the pages, in the order in which they are made.
     make
-        Returns a page, which it makes at the first call, without its style.
+        Function that returns a page; the first call makes the page, without its style.
     busy
-        Whether work is running, whose result will be shown soon.
+        Function that returns whether work is running whose result will be shown soon.
     parent
         The window.
     """

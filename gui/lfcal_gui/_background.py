@@ -42,7 +42,10 @@ class Computations:
         on_result: Callable[[Any], None],
         on_error: Callable[[str], None],
     ) -> None:
-        """Queue ``function``; do nothing after `end`. The message of an error is passed to ``on_error``."""
+        """Queue ``function``; do nothing after `end`.
+
+        The result is passed to ``on_result``, or the message of an error to ``on_error``.
+        """
         if self._ending:
             return
         generation = self._generation[group] = self._generation.get(group, 0) + 1
@@ -91,8 +94,8 @@ def _nobody(_: Any) -> None:
 class Loads:
     """Open files in threads, by group. Only the newest request of a group reports.
 
-    A request waits for an earlier one of its group, unless that was dropped. A setting changed ten times quickly
-    opens its files twice, not ten times. ``hand_over`` queues a function to run in the window's thread.
+    A request waits for an earlier one of its group, unless the earlier one was dropped. A setting changed ten times
+    quickly opens its files twice, not ten times. ``hand_over`` queues a function to run in the window's thread.
     """
 
     def __init__(self, hand_over: Callable[[Callable[[], None]], None]) -> None:
@@ -195,7 +198,7 @@ class BackgroundThreads(QObject):
     """Background threads of the window. Their results are delivered in the window's thread."""
 
     trouble = Signal(str)
-    """Why a computation failed, if its caller does not handle errors."""
+    """Reason why a computation, or opening a file, failed; only if the caller does not handle errors."""
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -244,8 +247,8 @@ class BackgroundThreads(QObject):
     ) -> None:
         """Open something in its own thread. A disk that does not answer may block that thread for ever.
 
-        Only the newest request of a ``group`` reports. It waits for an earlier one unless that is dropped. A result
-        that arrives too late is passed to ``discard``.
+        Only the newest request of a ``group`` reports. It waits for an earlier one unless that one was dropped. A
+        result that arrives too late is passed to ``discard``.
         """
         if not (self._closed or self._leaving):
             self._loads.start(group, function, on_result, on_error or self.trouble.emit, discard)

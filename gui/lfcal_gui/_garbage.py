@@ -19,22 +19,24 @@ BUSY_S = 0.02
 """Processor time of the window's thread between two ticks below which the window counts as idle (s)."""
 
 CALM_TICKS = 4
-"""Ticks without work before all generations are collected."""
+"""Number of ticks without work before all generations are collected."""
 
 LATEST_TICKS = 240
-"""Ticks after which they are collected even if the window is busy."""
+"""Number of ticks after which all generations are collected even if the window is busy."""
 
 
 class Collector(QObject):
     """Switch automatic collection off until `close`; check every half second whether a generation is due.
 
-    The first one excludes existing objects: modules and their functions, two thirds of all objects, which never
-    become garbage.
+    The first collector excludes the objects that exist when it is made: modules and their functions, two thirds of all
+    objects, which never become garbage.
 
     Parameters
     ----------
     parent
-        Owner. While its attribute ``busy`` is true, as in `lfcal_gui.jobs.Jobs`, the window counts as busy.
+        Owner of the collector.
+    busy
+        Function that returns whether work is running; the window then counts as busy.
     """
 
     _first = True

@@ -12,14 +12,14 @@ from lfcal_gui.models import Step
 from lfcal_gui.widgets import ElidedLabel, row_of
 
 NEAR_PX, NEAR_S, HELD_S, POLL_MS = 24, 2.0, 0.4, 100
-"""Distance (px) at which the pointer delays a change, for how long (s), least time between two changes (s), and period
-of the check (ms)."""
+"""Distance between pointer and buttons below which a change is delayed (px), longest delay (s), shortest time between
+two changes (s), and period of the check (ms)."""
 
 
 class NextLine(QWidget):
     """Display of a `Step`, with a second button for an optional step.
 
-    While the user is about to press a button, a step with other buttons waits, with its sentence.
+    While the user is about to press a button, a step with other buttons is not shown yet.
     """
 
     pressed = Signal(str, arguments=["action"])

@@ -186,7 +186,7 @@ class Leading(QObject):
         return found.h and new and free and self.context.matrix(path) is not None
 
     def judge(self) -> None:
-        """Judge H in the background, after running computations for the current page."""
+        """Judge H in the background, once the computations for the current page have ended."""
         if not self._judge_wanted(self.sitting):
             return
         if self.context.jobs.computing:

@@ -14,9 +14,9 @@ GROUP, PAGE = "leave out", "frames"
 
 
 class LeavingOut:
-    """Two consecutive jobs: the fit of H, and H without the positions, with the settings of the previous H.
+    """Two consecutive jobs: the fit of H, and the assembly of H without the positions, with the settings of the old H.
 
-    The file of the previous H is kept, and this H becomes the reference.
+    The file of the old H is kept, and the old H becomes the reference.
     """
 
     def __init__(self, context: Context) -> None:

@@ -1,4 +1,4 @@
-"""The PSF matrices of the window: opened in the background, held by their path."""
+"""The PSF matrices of the window: opened in the background, and stored by the path of their file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Matrices(QObject):
-    """Open H files, without waiting for them. A file that is not open yet is None; `changed` reports when it is.
+    """Open H files in the background; `get` returns None for a file that is not open, and `changed` reports changes.
 
     ``order_of`` returns the order of the axes of H that the project states for a file; empty: none.
     """
@@ -59,9 +59,10 @@ class Matrices(QObject):
         path
             The file.
         then
-            Called when it is open.
+            Function that is called when the file is open.
         refused
-            Called with a one-line reason if it cannot be opened; without it `problem` keeps the reason.
+            Function that is called with a one-line reason if the file cannot be opened. None: `failed` is emitted.
+            `problem` also returns the reason, unless the file is still open from before.
         """
 
         def opened(matrix: PSFMatrix) -> None:
@@ -95,7 +96,7 @@ class Matrices(QObject):
             self.changed.emit(path)
 
     def put(self, path: str, matrix: PSFMatrix) -> None:
-        """Store an open matrix as that of ``path``; a previous one is closed."""
+        """Store an open matrix as the matrix of the file ``path``; a previous one is closed."""
         old = self._open.pop(path, None)
         if old is not None:
             old.close()

@@ -21,7 +21,7 @@ OWN_KEYS = {"multiplex": "Ctrl+M"}
 
 
 class WindowMenus:
-    """Fills the menu bar of a `lfcal_gui.window.MainWindow`: undo and redo are renamed as the project changes."""
+    """Menus of a `lfcal_gui.window.MainWindow`, which renames ``undo`` and ``redo`` as the project changes."""
 
     def __init__(self, window: Any) -> None:
         self._window = window

@@ -52,7 +52,7 @@ def stop_words(jobs: Jobs) -> str:
 
 
 class ProjectFiles(QObject):
-    """Actions of the menu on project files.
+    """Actions of the menu *Project* on project files.
 
     ``folder`` contains the list of recent projects and copies of unsaved work.
     """
@@ -88,7 +88,7 @@ class ProjectFiles(QObject):
             self.begun.emit()
 
     def open(self, path: Path | None = None) -> None:
-        """Open a project file after asking about unsaved work; without a name, ask for it."""
+        """Open a project file after asking about unsaved work; without a path, ask for one."""
         if path is None:
             name = QFileDialog.getOpenFileName(self._window, "Open project", "", KIND)[0]
             if not name:
@@ -217,7 +217,7 @@ class ProjectFiles(QObject):
 
     # -- saving ----------------------------------------------------------------------------------------
     def save(self) -> bool:
-        """Save; ask for a name the first time. Return whether it is saved."""
+        """Save the project; ask for a name the first time. Return whether the project was saved."""
         path = self.project.path
         if path is None:
             return self.save_as()
@@ -226,7 +226,7 @@ class ProjectFiles(QObject):
         return self._save(path)
 
     def save_as(self) -> bool:
-        """Save under a new name."""
+        """Ask for a new name and save the project; return whether the project was saved."""
         name = ask_target(self._window, "Save project", "project.lfcal", KIND)
         return bool(name) and self._save(Path(name))
 

@@ -75,7 +75,7 @@ class Tools(QObject):
         actions[key]()
 
     def sample(self) -> None:
-        """Open the sample session; its H is assembled as a job the first time."""
+        """Open the sample session, after asking about unsaved work; its H is assembled as a job the first time."""
         from lfcal_gui._welcome import iter_demo
 
         window = self._window

@@ -21,7 +21,7 @@ SIZE = (640, 380)
 class VerifyDialog(QDialog):
     """Checks every frame of a session, or every plane of an H file, against its checksum, as a job.
 
-    It lives as long as its window: a job may end when it is closed.
+    The dialog lives as long as its window, because a job may end after the dialog was closed.
 
     Parameters
     ----------

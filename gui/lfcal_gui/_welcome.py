@@ -31,7 +31,7 @@ class Welcome(QDialog):
     """Dialog with ways to start, and recent projects."""
 
     chosen = Signal(str, arguments=["key"])
-    """One of `STARTS`."""
+    """Key of the chosen entry of `STARTS`."""
     project_chosen = Signal(str, arguments=["path"])
     """A recent project was chosen."""
     kept = Signal(bool, arguments=["on"])

@@ -158,7 +158,7 @@ class BasePage(QWidget):
         self._stack.setCurrentWidget(self.empty)
 
     def lead(self, key: str, tip: str) -> Deed:
-        """Return the action of a button that opens the page ``key``; ``tip`` is its tooltip."""
+        """Return the tooltip ``tip`` and the action of a button that opens the page ``key``."""
         return tip, lambda: self.context.go.emit(key, None)
 
     def show_body(self) -> None:

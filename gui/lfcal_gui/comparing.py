@@ -150,7 +150,7 @@ class Comparing:
         )
 
     def _taken(self, asked: CompareRequest, folder: str = "") -> Taken:
-        """Return a comparison, with its report in ``folder`` if there is one, for the history."""
+        """Return the entry of the history for a comparison, with its report in ``folder`` if one is written."""
 
         def made() -> CommandStep:
             files = asked.first[0], asked.second[0]

@@ -58,14 +58,14 @@ class Context(QObject):
     refused = Signal(str, arguments=["text"])
     """Why a change of the project was refused; the current page shows it, too."""
     attention = Signal(str, bool, arguments=["page", "flag"])
-    """A page needs the attention of the user."""
+    """Whether a page needs the attention of the user (``flag``)."""
     theme_asked = Signal(str, arguments=["name"])
     """Request for another theme."""
     theme_changed = Signal()
     """The theme changed; plots redraw."""
     frame_seen = Signal(object, object, arguments=["frame", "first"])
-    """A frame of the camera is shown: ``(rows, columns)``, not to be changed, and which of the sensor's pixels (row,
-    column) its first one is."""
+    """A frame ``(rows, columns)`` of the camera is shown; receivers must not change it. ``first`` is the sensor
+    position (row, column) of its first pixel."""
     sample_asked = Signal()
     """Request for the sample session."""
     made = Signal(str, object, arguments=["page", "payload"])
@@ -188,7 +188,7 @@ class Context(QObject):
         """Run a job that writes the H file ``path``, in units that are kept if it ends early.
 
         The file is closed when the job starts, and read again at its end. If another project was opened meanwhile,
-        ``on_done`` is not called. ``kind``: as in `WindowJob`.
+        ``on_done`` is not called. ``kind`` is as in `WindowJob`.
         """
         begun = self.project.begun
 
@@ -235,7 +235,7 @@ class Context(QObject):
         out
             The file or folder that it writes.
         step
-            Returns the command; by default that of the page, for the project as it is now.
+            Function that returns the command. None: the command of the page, for the project as it is now.
         draft
             Whether the step saves nothing yet.
         """

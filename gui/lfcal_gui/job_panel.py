@@ -188,7 +188,7 @@ class JobRow(HeadedCard):
     """Row of a job that is queued, running or finished."""
 
     gone = Signal(int)
-    """The user closed the row; the number of the job."""
+    """Number of a job; the user removed its row."""
 
     def __init__(self, jobs: Jobs, job: WindowJob) -> None:
         super().__init__(job.title)

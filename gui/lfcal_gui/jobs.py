@@ -74,8 +74,8 @@ class JobRequest:
     """Request of a job, from which it starts, and resumes after a stop.
 
     ``work`` returns the work, and is called in the job's thread. ``on_done`` gets the result, ``on_failed`` and
-    ``on_end`` get the job. ``before`` is called in the window's thread right before the job begins. ``needs`` are files
-    as they were when the job was requested. The other fields are those of `Jobs.start`.
+    ``on_end`` get the job. ``before`` is called in the window's thread right before the job begins. ``needs`` are
+    stamps of the files that the job reads, at the time of the request. The other fields are as in `Jobs.start`.
     """
 
     work: Callable[[], Work[Any]]
@@ -235,17 +235,17 @@ class Jobs(BackgroundThreads):
         work, on_done, on_failed, on_end, before
             As in `lfcal_gui.jobs.JobRequest`.
         abandon
-            Whether it only opens files until its first record. Stopping it then does not wait.
+            Whether the job only opens files before its first record. Until then, stopping does not wait for it.
         leave
-            Whether it writes nothing and may compute long between two records. Stopping never waits for it.
+            Whether the job writes nothing and may compute long between two records. Stopping never waits for it.
         at_once
-            Whether it skips the queue: it is short, or uses devices that do not wait.
+            Whether the job skips the queue, because it is short, or uses devices that do not wait.
         keeping
-            Its partial results if it ends early.
+            Partial results of the job if it ends early.
         needs
-            Files that it reads. If one has changed when its turn comes, the job fails.
+            Files that the job reads. If one of them has changed when the turn of the job comes, the job fails.
         taken
-            Entry of the history if it succeeds.
+            Entry of the history if the job succeeds.
         """
         number = next(self._numbers)
         stamps = JobRequest.stamps(needs)
@@ -348,7 +348,7 @@ class Jobs(BackgroundThreads):
         return asked is not None and asked.keeping is not None
 
     def go_on(self, number: int) -> None:
-        """Queue a job that ended early again, to resume from its original request."""
+        """Queue again a job that ended early, to resume it from its original request."""
         if number not in self._asked or not self._jobs[number].kept:
             return
         self._logs[number].go_on()

@@ -15,10 +15,11 @@ WAIT_MS = 300
 """Time after which waiting is announced (ms)."""
 
 HEIGHT = 20
-"""Height of the buttons, which does not increase that of the status bar (px)."""
+"""Height of the buttons, at which the status bar is not higher than without them (px)."""
 
 LONG = re.compile(r"\S{2,}(\S{23})")
-"""A path and its end. If the line is too short, the path is shortened, because the reason matters more."""
+"""Pattern of a long word, such as a path, with its end as a group. If the line is too short, only the end is shown,
+because the reason matters more."""
 
 WIDEST = 560
 """Width of a message that is shown in full (px)."""

@@ -23,9 +23,10 @@ def ask_target(
     Parameters
     ----------
     parent, title, name, kinds
-        Of the dialog; ``name`` is offered, ``kinds`` are such as ``"TIFF (*.tif);;numpy (*.npy)"``.
+        Parent widget and title of the dialog, offered file name, and kinds of files, such as
+        ``"TIFF (*.tif);;numpy (*.npy)"``.
     outputs
-        Returns the files that are written for a path, where that is not the path itself.
+        Function that returns the files that are written for a path. None: only the path itself.
     """
     typed, kind = QFileDialog.getSaveFileName(parent, title, name, kinds)
     if not typed:

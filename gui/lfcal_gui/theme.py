@@ -146,8 +146,8 @@ QSlider::handle:focus {{ background: {text}; }}
 class Theme:
     """Colours of one theme, as ``#rrggbb``.
 
-    ``edge`` surrounds what can be typed into; pictures, and words in their place, lie on ``canvas``. In a dark lab all
-    is ``red`` on black.
+    ``edge`` is the border of input fields. ``canvas`` is the background of pictures, and of text shown in their place.
+    ``red`` states whether all colours are red on black, for a dark lab.
     """
 
     name: str

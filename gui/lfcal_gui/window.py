@@ -69,7 +69,7 @@ LEAST_LOG = 28
 """Smallest height of the log: one line (px)."""
 
 LOW, LOG_SIZE = 680, (720, 240)
-"""Height of a window in which the log has only a line, and size of the separate log (px)."""
+"""Height of the window below which the log is shown in a separate window, and size of that window (px)."""
 
 STATUS = 28
 """Height of the status bar (px): with a notice or without one."""

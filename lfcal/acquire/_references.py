@@ -41,7 +41,7 @@ class References:
         For each frame: time of recording (s), light above the background (counts), row and column of the light (pixels
         of the frame; NaN if it is too faint), and background (counts).
     hot
-        Pixels that became hot after the first frame.
+        Number of pixels that became hot after the first frame.
     """
 
     def __init__(self, full: float) -> None:
@@ -70,7 +70,7 @@ class References:
         self.seen.append((seconds, float(data.sum()), *place, level))
 
     def moved(self) -> tuple[float, float]:
-        """Return the drift of the light from its first position, and its scatter per axis (pixels).
+        """Return the largest distance of the light from its first position, and its scatter per axis (pixels).
 
         The scatter is computed from second differences, which a steady drift or a single jump hardly changes.
         """
@@ -138,7 +138,7 @@ class HotPixels:
         self._known[exposure_s] = rows + row, columns + column, frame[rows, columns] - level
 
     def within(self, row: int, column: int, exposure_s: float, shape: tuple[int, int]) -> float:
-        """Return the total signal (counts) of the hot pixels in a frame of this shape and exposure."""
+        """Return the total signal (counts) of the hot pixels in a region of the sensor, for this exposure."""
         rows, columns, counts = self._known.get(exposure_s, (None, None, None))
         if rows is None or columns is None or counts is None or not len(rows):
             return 0.0

@@ -87,8 +87,8 @@ class Packed(NamedTuple):
 def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
     """Compress all finished recordings of a session; return the bytes saved, and messages on damaged files.
 
-    A recording with missing or damaged frames is not changed, so that it can be resumed. ``folder`` is that of the
-    session, and ``workers`` the number of threads (None: all processors).
+    A recording with missing or damaged frames is not changed, so that it can be resumed. ``folder`` is the folder of
+    the session, and ``workers`` the number of threads (None: all processors).
 
     Examples
     --------

@@ -366,7 +366,7 @@ class Runner:
     elapsed_s
         Duration of earlier runs of this recording, without pauses (s).
     recorded
-        Maps the CRC-32 of each frame stored by earlier runs to its position.
+        Mapping from the CRC-32 of each frame stored by earlier runs to the position of the frame.
     known
         Frames of earlier runs at positions next to the remaining ones.
     whole_frames

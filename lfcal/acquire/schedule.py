@@ -296,7 +296,7 @@ class Schedule:
     roi
         Region read for all frames except control frames, which use ``control_roi``.
     grid
-        Shape ``(nz, ny, nx)`` of the grid to which position numbers refer: that of the plan, or that of `frame_grid`.
+        Shape ``(nz, ny, nx)`` of the grid to which position numbers refer: the grid of the plan, or `frame_grid`.
 
     Examples
     --------
@@ -396,7 +396,7 @@ class Schedule:
     def of_frames(cls, plan: FramePlan, options: Options, redo: Sequence[Position] | None = None) -> Schedule:
         """Return the schedule for all frames of ``plan``, or for its frames ``redo``, with the settings ``options``.
 
-        The frames ``redo`` are positions (z, 0, k). Errors are those of `frame_blocks`.
+        The frames ``redo`` are positions (z, 0, k). Raises the errors of `frame_blocks`.
         """
         found = _Joined.of(frame_blocks(plan, options, redo))
         number = {frame: k for k, frame in enumerate(plan.frames)}

@@ -285,7 +285,7 @@ def _add(sums: Float, off: float, error: float, step: float, number: int) -> Non
 
 @njit()
 def _modes(histogram: Float, rho: Float) -> tuple[Float, Float]:
-    """Return the most frequent inverse slope (three bins) of each sample, and its fraction, both ``(rows, columns)``."""
+    """Return the most frequent inverse slope of each sample, three bins wide, and its fraction of all depths there."""
     count, high, wide = histogram.shape
     best, share = np.full((high, wide), np.nan), np.zeros((high, wide))
     for y in range(high):

@@ -297,10 +297,10 @@ INVERSE_CORRELATION = -0.99
 checkerboards -0.999 and below; sharp micro-images that fill 50 % to 100 % of the pitch -0.36 to -0.86."""
 
 PLATEAU, LARGEST_PLATEAU, CLOSED = 0.15, 0.25, 0.6
-"""Level of a dark field of a cell, as a fraction of its contrast; its largest area where it is closed on all sides;
-level of the surrounding places that closes it.
+"""Level of a cell (fraction of its contrast) below which a point is dark, largest fraction of dark points if the points
+around them are bright, and level above which those points are bright.
 
-Measured: fields between micro-images that touch 0.2 at most; single light among discs of 140 % fill 0.34."""
+Measured dark fractions: between micro-images that touch, 0.2 at most; with discs of 140 % of the pitch, 0.34."""
 
 FLAT, LARGEST_FLAT = 0.03, 0.055
 """Slope (contrast per sample) of a flat part of a cell, and its largest area at a level between light and dark.

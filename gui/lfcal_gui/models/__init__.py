@@ -1,11 +1,11 @@
 """State and functions that pages and the window share, without Qt: frozen state and pure functions.
 
 - ``project``: the one project: camera, plan, files, settings; undo, save, autosave, recent
-- ``settings``: base of a page's settings, which the project keeps by page
-- ``page``: what a page is before it is opened, and the registry of pages
-- ``form``: fields of forms, and what a typed text means
-- ``display``: how an array becomes a picture: levels, log, gamma, binning
-- ``frame_view``: the visible part of a large frame, its numbers, the lattice over it
+- ``settings``: base of a page's settings, which the project stores by page
+- ``page``: description of a page before it is opened, and the registry of pages
+- ``form``: fields of forms, and conversion between values and text
+- ``display``: conversion of arrays to images: levels, log, gamma, binning
+- ``frame_view``: the visible part of a large frame, its statistics, and the lattice over it
 """
 
 from typing import TYPE_CHECKING

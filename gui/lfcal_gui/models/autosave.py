@@ -63,7 +63,7 @@ class UnsavedCopy:
 
     @property
     def path(self) -> Path | None:
-        """File to which the restored project is saved; None if it was written after the copy."""
+        """File to which the restored project is saved; None if there is none, or it was written after the copy."""
         return Path(self.project) if self.project and self.newer else None
 
     def name(self) -> str:

@@ -137,7 +137,7 @@ def compared_files(folder: str) -> list[Path]:
 
 # -- numbers -----------------------------------------------------------------------------------------------
 def compared_words(found: Comparison) -> tuple[str, str]:
-    """Return the verdict, and what was compared and omitted, in words."""
+    """Return the verdict, and what was compared and omitted, as text."""
     from lfcal.judge.report import compared_words as words_of
     from lfcal.judge.report import verdict
 

@@ -34,7 +34,7 @@ DECADES_BELOW = 1e-4
 """Smallest value shown on a logarithmic scale, relative to the largest."""
 
 LARGEST = 1e30
-"""Magnitude below which, and inverse span above which, float32 is used."""
+"""Magnitude of levels below which float32 is used, if their span also exceeds the inverse of this number."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class DisplaySettings:
     colour_map
         One of `COLOUR_MAPS`, or the map for signed values.
     levels
-        Lowest and highest value shown; None follows the data.
+        Lowest and highest value shown. None: those of the data.
     """
 
     scale: str = "linear"

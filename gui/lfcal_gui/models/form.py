@@ -26,7 +26,7 @@ class Field:
     key
         Key of the value.
     label, unit, tip
-        Displayed name, unit and meaning of the quantity.
+        Displayed name, unit and tooltip of the quantity.
     kind
         ``"float"``, ``"int"``, ``"choice"``, ``"text"``, ``"bool"``, ``"floats"`` (a list of numbers), or ``"shown"``:
         read-only text.
@@ -41,7 +41,8 @@ class Field:
     empty
         Meaning of an empty entry, in one or two words.
     read
-        For ``"text"``: converts a text to its value if several texts are equivalent; may raise `InputError`.
+        For ``"text"``: function that converts a text to its value if several texts are equivalent; it may raise
+        `InputError`.
     default
         Value restored by a reset, as shown in the form; `UNKNOWN` if there is none.
     group
@@ -156,7 +157,7 @@ def fields_of(record: type, *, without: Iterable[str] = (), more: bool | None = 
     Parameters
     ----------
     record
-        Its class.
+        Class of the record.
     without
         Names of fields to omit, because other widgets show them.
     more

@@ -32,8 +32,8 @@ LEAST_S = 1.0
 """Smallest duration of a job before its remaining time is shown (s)."""
 
 DECLINED, DESCRIBED, CHECKED, EXPORTED = "declined", "described", "checked", "exported"
-"""Entries of a project's settings: steps that were left out, whether a camera was chosen, the one that was checked, and
-the export of H."""
+"""Entries of a project's settings: declined steps, whether the user chose a camera, digest of the camera that was
+checked, and export of H."""
 
 SOURCES: dict[str, Literal["rig", "folder", "compute"]] = {
     "acquire": "rig",

@@ -135,7 +135,7 @@ class Said:
     words: str
 
     def line(self) -> str:
-        """Return it as one line of text."""
+        """Return the line as text."""
         return f"{datetime.fromtimestamp(self.at):%H:%M:%S}  {self.after:9.2f} s  {self.kind:<8} {self.words}"
 
 
@@ -155,8 +155,8 @@ class JobLog:
     command
         The equivalent command; empty if there is none.
     now
-        Returns the time (s since 1970). By default the system's clock at the start of the job, continued with a
-        monotonic clock.
+        Function that returns the time (s since 1970). None: the system's time at the start of the job, continued with
+        a monotonic clock.
     """
 
     def __init__(self, title: str, command: str = "", now: Callable[[], float] | None = None) -> None:
@@ -317,7 +317,7 @@ class KeptRun:
     out: str
 
     def look(self) -> str:
-        """Return the number of finished units as text; remove their folder if there is none."""
+        """Return the number of finished units as text; if no unit is finished, remove the folder of the run."""
         try:
             state = read_run(parts_folder(self.out))
         except InputError:  # it ended before the first unit

@@ -19,7 +19,7 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Values along a line: ``distance`` (px) from its start, ``values``, and full width at half maximum."""
+    """Values along a line: ``distance`` from its start (px), ``values``, and ``fwhm`` (px), as returned by `fwhm`."""
 
     distance: NDArray[np.float64]
     values: NDArray[np.float64]

@@ -37,7 +37,7 @@ JOBS: dict[str, tuple[str, Place]] = {
 
 
 DEVICE = re.compile(r"^(?:stopped )?at position .*? by the [a-z ]+: ")
-"""Where a recording was stopped, in front of the reason."""
+"""Beginning of a message that states where a recording was stopped; the reason follows."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class Step:
     Attributes
     ----------
     lead, words
-        ``"Next"``, ``"Recording"``, ``"Done"`` and the like; and one sentence.
+        Word in front of the sentence, such as ``"Next"``, ``"Recording"`` or ``"Done"``; and the sentence.
     button, action
         Label and action (``"page.name"``) of the button.
     place

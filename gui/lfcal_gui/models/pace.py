@@ -15,7 +15,9 @@ KEPT = 5
 
 @dataclass
 class Paces:
-    """Corrects forecasts by the median ratio of real runs of each kind of job, as resumed runs are shorter.
+    """Corrects forecasts by the median ratio of duration to forecast in the latest jobs of the same kind.
+
+    A median is used because resumed jobs take less time.
 
     Examples
     --------

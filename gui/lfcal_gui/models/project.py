@@ -243,7 +243,7 @@ class Project:
         return True
 
     def merge(self, label: str, **changes: Any) -> None:
-        """Change the state as part of the last change with the same label, such as a drag or a typed number."""
+        """Change the state; if the last change has the same label, as in a drag, both are one undo step."""
         if not self._merges(label):
             self.update(label, **changes)
             return

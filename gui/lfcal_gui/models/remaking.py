@@ -101,7 +101,7 @@ class WithoutBad:
     Attributes
     ----------
     fit
-        Task that fits the camera that fills them; None if a fit already filled H.
+        Task that fits the camera with which the positions are filled. None: H is already filled from a fit.
     assemble
         Task that assembles H.
     listed

@@ -51,7 +51,7 @@ class Symbols:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """Text with a dark rim, centred at one of the ``points`` ``(1, 2)``."""
+    """Text with a dark rim, centred at the point (row, column) in ``points`` ``(1, 2)``."""
 
     points: NDArray[np.float64]
     words: str

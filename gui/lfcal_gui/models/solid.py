@@ -78,7 +78,7 @@ class Solid:
     def of(
         cls, volume: NDArray[Any], depths_um: ArrayLike | None = None, voxel_um: tuple[float, float] | None = None
     ) -> Solid:
-        """Return a volume ``(Z, Y, X)`` with planes in any order in space; NaN becomes as dark as the darkest voxel.
+        """Return a volume ``(Z, Y, X)``, with planes in any order; NaN becomes as dark as the darkest voxel.
 
         Without depths or voxel size all voxels are cubes.
         """
@@ -314,7 +314,7 @@ class _Screen(NamedTuple):
 
 
 def project_solid(solid: Solid, scene: Viewpoint, *, quick: bool = False) -> Projection:
-    """Return the projection of a volume, the maximum along each ray; ``quick``: coarser, for use during rotation."""
+    """Return the maximum of a volume along each ray; if ``quick``, the result is coarser, for use during rotation."""
     most = QUICK if quick else WORK
     effort = _effort(solid, scene, most)
     if quick and _cost(solid, scene, effort) > most:

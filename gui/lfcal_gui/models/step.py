@@ -34,7 +34,7 @@ class CommandStep:
     python
         Equivalent Python code; it may assume that ``Path`` is imported.
     files
-        Pairs of name and text: small input files of both, which are written first.
+        Pairs of name and text: small input files of the command and of the Python code, which are written first.
     """
 
     arguments: tuple[str, ...]

@@ -3,8 +3,8 @@
 ``stage``
     A window that scenes control.
 ``sample``, ``parts``, ``recording``, ``trouble``
-    The scenes: a new window and the sample session. Pictures of full camera size and dialogs. A session that is
-    recorded. Errors.
+    The scenes: the sample session; the empty window, large pictures and a target; a session that is recorded; dialogs
+    and errors.
 """
 
 from typing import TYPE_CHECKING

@@ -95,7 +95,7 @@ PITCH, CUTOUT = 27.6, 181
 
 
 def large(stage: Stage) -> Iterator[Capture]:
-    """Show H and scan of an R29, then one of its frames."""
+    """Show the scan and H of an R29, then one of its frames."""
     window = stage.window
     window.project.update("R29", camera=preset("r29"), plan=None, frames="", psf="", reference="")
     page = stage.page("setup")

@@ -102,7 +102,7 @@ class Stage:
             one.resize(width, height)
 
     def tidy(self) -> None:
-        """Remove finished jobs and the text of the status bar."""
+        """Clear the text of the status bar, and hide the list of jobs."""
         self.window.message.setText("")
         self.window.job_line.sheet.hide()
         self.turn()

@@ -43,7 +43,7 @@ class Blank(QLabel):
         self.setText(words)
 
     def wait(self, words: str) -> None:
-        """Show what is being read or made, until there is a picture or other words are set; empty: no longer."""
+        """Show what is being read or made, until there is a picture or `words` is set; empty: show `words` again."""
         self._waits = words
         self.setText(words or self._words)
 

@@ -27,7 +27,8 @@ class Measuring(QDialog):
     Parameters
     ----------
     view
-        The `lfcal_gui.widgets.picture.Picture`; contrast stays when the window is closed, line and rectangle go.
+        The `lfcal_gui.widgets.picture.Picture` to measure. When the dialog is closed, the contrast is kept, and line
+        and rectangle are removed.
     """
 
     def __init__(self, view: Any) -> None:

@@ -62,7 +62,7 @@ def card(title: str | QLabel = "") -> tuple[QFrame, QVBoxLayout]:
 
 
 def column_area(width: int, *cards: QWidget, dense: bool = False) -> QScrollArea:
-    """Return a column of cards of a fixed width that scrolls when the window is low; ``dense``: of low controls."""
+    """Return a column of cards of a fixed width that scrolls in a low window; if ``dense``, its controls are lower."""
     inner = QWidget()
     inner.setProperty("dense", dense)
     column = QVBoxLayout(inner)
@@ -107,7 +107,7 @@ def button(text: str, tip: str, action: Callable[[], object] | None = None, role
 
 
 def segment(text: str, tip: str, action: Callable[[], object], *, on: bool = False) -> QPushButton:
-    """Return a button of an exclusive group, made of its siblings; ``on`` states whether it is checked."""
+    """Return a checkable button in the style of a segment; ``on`` states whether it is checked at first."""
     made = button(text, tip, action, "segment")
     made.setCheckable(True)
     made.setChecked(on)

@@ -138,7 +138,10 @@ class CostCurve(LinePlot):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_points(self, points: Sequence[ChartPoint], log_percent: float, asked: str = "tolerance") -> None:
-        """Show points, and the target error as a line at ``asked``, the decimal logarithm of an error in per cent."""
+        """Show points, and the target error as a line.
+
+        ``log_percent`` is the decimal logarithm of the target error in per cent, and ``asked`` its name in the label.
+        """
         if len(points) != len(self._points):
             self._reached = None
         self._points = tuple(points)
@@ -155,7 +158,7 @@ class CostCurve(LinePlot):
         self._place_names()
 
     def show_status(self, words: str, button: str = "Measure") -> None:
-        """Show how the curve was measured, and set the text of the button; empty while the curve is measured."""
+        """Show how the curve was measured; ``button`` is the text of the button, empty during the measurement."""
         self.status.setText(words)
         self.measure_button.setText(button or "Measuring …")
         self.measure_button.setEnabled(bool(button))
@@ -226,7 +229,7 @@ class CostCurve(LinePlot):
     def _area_of(
         self, k: int, at: Sequence[QPointF], reach: float, taken: Sequence[QRectF], curve: Sequence[QLineF]
     ) -> tuple[float, QRectF]:
-        """Return the best area for the label of a point, and the area that it covers there (px²)."""
+        """Return the cost of the best area for the label of a point (covered area and penalties, px²), and this area."""
         metrics, inside = self.fontMetrics(), self.plot.vb.sceneBoundingRect()
         wide = metrics.horizontalAdvance(self._points[k].name) + 2 * MARGIN
         found = []
@@ -310,7 +313,7 @@ class CostCurve(LinePlot):
         self._draw()
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
-        """Remove this mark."""
+        """Remove the mark of the point selected by keyboard."""
         super().focusOutEvent(event)
         self._draw()
 

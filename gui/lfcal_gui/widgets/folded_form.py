@@ -107,7 +107,7 @@ class Folded(QFrame):
         self.body.hide()
 
     def open(self) -> None:
-        """Show or hide the content below the title."""
+        """Show the content below the title."""
         self.head.setChecked(True)
 
 
@@ -269,11 +269,11 @@ class FoldedForm(QFrame):
     Parameters
     ----------
     fields
-        Those in view.
+        Fields that are always in view.
     more
-        Those that are folded.
+        Fields that are folded.
     title, tip
-        Name of the fold, and what is in it.
+        Title and tooltip of the folded part.
     framed
         Whether the form is a card.
     """
@@ -842,7 +842,7 @@ class FoldedForm(QFrame):
 
     @property
     def error(self) -> str:
-        """The displayed reason; empty if there is none."""
+        """The displayed reason why a value is refused; empty if there is none."""
         return self._error.text() if not self._error.isHidden() else ""
 
 

@@ -50,7 +50,7 @@ class PeriodMap(Picture):
         marks: Mapping[str, NDArray[Any]] | None = None,
         **more: Any,
     ) -> None:
-        """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 have none, and a few of them are crossed out.
+        """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 have none, and are crossed out if they are few.
 
         ``marks`` contains further positions (y, x) ``(n, 2)`` by their symbol, and ``more`` contains fields of `Shot`.
         """

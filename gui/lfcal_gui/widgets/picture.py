@@ -72,7 +72,7 @@ RAMP, SCALE = 120, 140
 """Largest length of the colour bar of a legend, and of a scale bar (px)."""
 
 UNSCALED = 110
-"""Height of a picture that a scale bar would cover (px)."""
+"""Height of a picture up to which no scale bar is drawn (px)."""
 
 SHORT = 40
 """Length of the colour bar of a legend if its quantity needs the space (px)."""
@@ -89,19 +89,19 @@ class Picture(QWidget):
     Parameters
     ----------
     quantity
-        What the values are, with their unit.
+        Quantity of the values, with its unit.
     axes
-        Names of the columns and of the rows, which get numbers then.
+        Names of the horizontal and of the vertical axis. None: there are no axes.
     jobs
-        Draw large pictures in the background. None: draw all of them immediately.
+        Jobs of the window, which draw large pictures in the background. None: all pictures are drawn immediately.
     steered
         Whether a drag with the left button points at a place (`steered_to`) and moves nothing.
     square
         Whether a pixel is as wide as high.
     legend
-        Show colours and values below it: where no `Contrast` does.
+        Whether to show a colour bar with its values below the picture, for pictures without a `Contrast`.
     colour_map
-        Its colours until others are set; empty: those of intensity.
+        Colour map until another one is set; empty: that of `DisplaySettings`.
     """
 
     hovered = Signal(int, int, float, arguments=["row", "column", "value"])
@@ -111,7 +111,7 @@ class Picture(QWidget):
     steered_to = Signal(int, int, arguments=["row", "column"])
     """The pointer was dragged to a pixel; outside the picture, to the nearest one."""
     dragged = Signal(int, int, arguments=["rows", "columns"])
-    """The grip was moved by so many pixels since the last signal, with the pointer or the arrow keys."""
+    """Numbers of rows and columns by which the pointer or an arrow key moved the grip since the last signal."""
     changed = Signal()
     """Another picture is displayed, or none."""
     readout_clicked = Signal()

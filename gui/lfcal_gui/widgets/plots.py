@@ -22,7 +22,7 @@ LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
 """Line colours that colour-blind readers can distinguish, on light and dark backgrounds."""
 
 RED_LINES = ("#ff5a45", "#a83a2c", "#ff8a5c", "#c9301c", "#7d2a20", "#ff2010")
-"""The same in the red theme."""
+"""Line colours in the red theme, in the same order."""
 
 
 def shown_tone(tone: str) -> str:

@@ -34,7 +34,7 @@ class Cell(QTableWidgetItem):
     """A cell that is sorted by its number or, without one, by its text."""
 
     def __lt__(self, other: QTableWidgetItem) -> bool:
-        """Return whether this cell is sorted before another one; cells without a number come after those with one."""
+        """Return whether this cell is sorted before another one; cells with the number NaN come last."""
         one, two = self.data(NUMBER), other.data(NUMBER)
         if one is None or two is None:
             return self.text().lower() < other.text().lower()

@@ -25,7 +25,7 @@ FITTED, EXPECTED = "#39d353", "#56b4e9"
 """Colours of the outlines, which differ from all colours of pictures."""
 
 RED_FITTED, RED_EXPECTED = "#ff8a5c", "#7d2a20"
-"""The same where all is red."""
+"""Colours of the outlines in the red theme."""
 
 
 def outline_tones() -> tuple[str, str]:
@@ -47,7 +47,7 @@ LEAST, WORD = 84, 16
 class PlaneTile:
     """Data of a plane: depth (µm), depth-plane sum ``(nt, ns)``, and apertures.
 
-    ``shape`` is that of the cutout, if only the expected aperture is shown. A plane that is being recorded has a
+    ``shape`` is the shape of the cutout, if only the expected aperture is shown. A plane that is being recorded has a
     ``word`` for its state and the recorded fraction (``progress``), and a ``merit`` as soon as it was judged. For a
     simulated plane, ``made`` states how it was computed.
     """
