@@ -229,7 +229,7 @@ class CostCurve(LinePlot):
     def _area_of(
         self, k: int, at: Sequence[QPointF], reach: float, taken: Sequence[QRectF], curve: Sequence[QLineF]
     ) -> tuple[float, QRectF]:
-        """Return the cost of the best area for the label of a point (covered area plus penalties; px²), and the area."""
+        """Return the cost of the best area for the label of a point (px²: covered area and penalties), and the area."""
         metrics, inside = self.fontMetrics(), self.plot.vb.sceneBoundingRect()
         wide = metrics.horizontalAdvance(self._points[k].name) + 2 * MARGIN
         found = []
