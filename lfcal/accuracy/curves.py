@@ -51,8 +51,8 @@ class CostPoint:
     --------
     >>> from lfcal.accuracy import CostPoint
     >>> point = CostPoint("rounded to 16 bits", {"dtype": "rounded"}, error=0.001, cost=4e6, unit="bytes")
-    >>> print(f"{point.label}: {point.error:.1%} off in {point.cost / 1e6:g} MB")
-    rounded to 16 bits: 0.1% off in 4 MB
+    >>> print(f"{point.label}: error {point.error:.1%}, {point.cost / 1e6:g} MB")
+    rounded to 16 bits: error 0.1%, 4 MB
     """
 
     label: str

@@ -485,7 +485,7 @@ def _settled(finished: Finished, points: Points, *, asked: bool) -> Work[Finishe
 
 
 def _with_light_as_found(finished: Finished, optics: PointOptics) -> Work[Finished]:
-    """Return a fit that starts at another one, with the light of each point's own optics computed there."""
+    """Return a fit that starts from ``finished``, with the light of each point computed with its own optics there."""
     problem, point, groups, columns, outliers = finished
     local, lamps = point.local, point.levels.lamps
     problem = yield from iter_with_point_light(

@@ -11,8 +11,8 @@ with δ in source positions, Δ in pixels, and the velocity a. The best linear e
 noise V is K (K + V)⁻¹ R (kriging, or Gaussian process regression: C. E. Rasmussen, C. K. I. Williams, Gaussian
 Processes for Machine Learning, 2006, eq. 2.25). Where A² is far below the noise, it is 0; where A² is far above, it is
 the residual itself. It is solved by conjugate gradients. K = W Wᵀ with a smoothing W, so K is positive however W is
-truncated. A W ξ are samples of the field, from which the posterior variance is estimated (G. Papandreou, A. Yuille,
-NeurIPS 2010).
+truncated. With white noise ξ, A W ξ are samples of the field, from which the posterior variance is estimated (G.
+Papandreou, A. Yuille, NeurIPS 2010).
 """
 
 from __future__ import annotations
@@ -413,7 +413,7 @@ class ResidualEstimate:
 def spot_velocity(model: F4, *, around: bool = True) -> float:
     """Return the motion of spots in the cutout (pixels) when the source moves by one position.
 
-    It comes from the correlation of patterns up to four positions apart, minus their mean.
+    It is determined from the correlation of patterns up to four positions apart, after subtraction of their mean.
     """
     varying = model - model.mean((0, 1))
     rates = np.arange(-1.2, 1.21, 0.05)

@@ -115,7 +115,7 @@ class Earlier:
         return out
 
     def _common(self, unknowns: Sequence[Unknown]) -> tuple[NDArray[np.intp], NDArray[np.intp], F8]:
-        """Return the indices in ``unknowns`` of those that were fitted, their own indices, and sigmas in scales."""
+        """Return the indices of fitted ``unknowns``, their indices in `names`, and their sigmas in scales."""
         places = {name: k for k, name in enumerate(self.names)}
         both = [(k, places[one.name]) for k, one in enumerate(unknowns) if one.name in places]
         sigmas = np.array([_in_scales(unknowns[a], self.sigmas[b], self.values[b]) for a, b in both])

@@ -305,8 +305,8 @@ def iter_fit_field(
     Raises
     ------
     InputError
-        If the regions belong to different cameras, the camera has no periodic array, no such camera explains the
-        patterns, or there are too few patterns.
+        If the regions belong to different cameras, the camera has no periodic array, no camera of this kind
+        explains the patterns, or there are too few patterns.
     """
     described = camera or next(iter(patterns.values())).plan.camera
     if not described.has_lattice:
@@ -379,7 +379,7 @@ class _Laid:
 
 
 TURN_RAD, GROWTH, ASIDE_UM = 5e-4, 2e-3, 1.0
-"""Uncertainties of rotation (rad) and displacement (µm) from a single region, and of the pitch (relative; second)."""
+"""Uncertainties: rotation (rad) from one region, pitch (relative), and displacement (µm) from one region."""
 
 
 def _changes(seen: Sequence[_Laid], place: F8, setup: Setup) -> dict[str, float]:

@@ -169,7 +169,7 @@ def iter_fit_camera(
     Raises
     ------
     InputError
-        If no such camera explains the patterns, there are too few patterns, or their noise is unknown.
+        If no camera of this kind explains the patterns, there are too few patterns, or their noise is unknown.
 
     Examples
     --------
@@ -277,7 +277,7 @@ def iter_retrieved(
     Raises
     ------
     InputError
-        If the patterns do not fit such a camera.
+        If no camera of this kind explains the patterns.
     """
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
     record_round = rounds()

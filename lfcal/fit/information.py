@@ -116,7 +116,7 @@ def iter_information(
     Notes
     -----
     The error of each plane of H is computed at its best overall brightness: D^T D - D^T m m^T D / m^T m, with the model
-    m of a plane and its derivatives D.
+    m of a plane and its derivatives D with respect to the unknowns.
     """
     vector = _problem(plan, index[:0], np.zeros((0, *plan.cutout)), setup, groups, workers).vector
     k, m = len(vector), int(np.prod(plan.cutout))

@@ -64,8 +64,8 @@ class Measured:
     >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
     ...     measured: Measured = measured_of(H, most=12)
-    >>> print(len(measured), "patterns,", int(measured.held_out.sum()), "of them kept aside to judge a fit by")
-    12 patterns, 2 of them kept aside to judge a fit by
+    >>> print(len(measured), "patterns,", int(measured.held_out.sum()), "of them held out")
+    12 patterns, 2 of them held out
     """
 
     plan: ScanPlan

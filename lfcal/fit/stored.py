@@ -150,7 +150,7 @@ class StoredFit:
 
 
 def numbers_file(folder: Path) -> Path | None:
-    """Return the path of the JSON file with the results of a fit, which is written last; None if there is none."""
+    """Return the path of the JSON file, written last, with the results of a fit; None if there is none."""
     return next((folder / name for name in (FIELD, NUMBERS) if (folder / name).is_file()), None)
 
 

@@ -35,7 +35,7 @@ COPIES = len(DRIFTS) + 2
 
 
 class DriftWindow:
-    """H and its three derivatives over a window, which are computed once for all frames.
+    """H and its derivatives with respect to the three drifts over a window, computed once for all frames.
 
     Parameters
     ----------

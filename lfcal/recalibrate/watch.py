@@ -174,7 +174,7 @@ _Used = tuple[str, MeasuredDrift, datetime | None]
 
 
 class _Array:
-    """The array of lenslets: H and its derivatives in all windows, at the camera of H or at a drifted one."""
+    """H and its derivatives with respect to the drifts in all windows, for the camera of H or a drifted one."""
 
     def __init__(
         self,

@@ -42,7 +42,7 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
     Raises
     ------
     InputError
-        If ``code`` is not square, or ``count`` is not such a multiple.
+        If ``code`` is not square, or ``count`` is not a multiple of the group's size.
     """
     order = len(code)
     if code.shape != (order, order) or count % order:
