@@ -247,7 +247,7 @@ class Drawing:
         self._asked: tuple[Any, ...] = ()
 
     def forget(self) -> None:
-        """Discard the figure, so that it is drawn again, because its file may have changed."""
+        """Discard the figure, so that it is drawn again, because the file of a modulator may have changed."""
         self._asked = ()
 
     def draw(self) -> None:

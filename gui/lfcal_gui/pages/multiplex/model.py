@@ -218,7 +218,7 @@ SEARCH_FIELDS = (
 
 RANGES = {"search_size": (2, 13), "levels": (2, 16), "kinds": (1, 6), "crosstalk": (0, 0.4), "least_light": (0, 0.99)}
 MAX_ENTRIES = 350_000
-"""Largest number of entries of the matrix A of a mask combined with colour filters."""
+"""Largest number of entries of the matrix A of a mask over colour filters, or of an expression."""
 Array = NDArray[np.float64]
 
 
@@ -446,8 +446,9 @@ class ModulatorPicture:
     name
         Name of the modulator.
     pattern, colours
-        Transmission ``(rows, columns)`` for the middle view: the mean over colours, or that of unmodulated light if
-        samples are not colours. The same as colours ``(rows, columns, 3)``; None for a light field of one colour.
+        Transmission ``(rows, columns)`` for the middle view: the mean over colours, or the transmission of
+        unmodulated light if samples are not colours. The transmission of R, G and B ``(rows, columns, 3)`` relative to
+        its largest value; None for other samples.
     spectrum
         Magnitude of the Fourier weights, averaged over colours, with zero frequency in the middle.
     sigma, pi

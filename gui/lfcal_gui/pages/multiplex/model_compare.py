@@ -154,7 +154,7 @@ def _lost(lost: Mapping[str, float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class FoundDesign:
-    """Result of a search: the design, the χ² for which it is optimal, and lines of text."""
+    """Result of a search: the design, the χ² for which it is optimal, and rows of name and value as text."""
 
     design: Design
     chi2: float

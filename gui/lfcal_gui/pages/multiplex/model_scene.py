@@ -386,7 +386,7 @@ def _told_apart(shown: NDArray[np.float64], modulator: Modulator) -> NDArray[np.
 
 
 def opened(path: str) -> tuple[Array | None, Array | None, str]:
-    """Return an image file as a scene ``(3, rows, columns)`` in 0 … 1 or as a frame, with its metadata."""
+    """Return an image file as a scene ``(3, rows, columns)`` in 0 … 1 or as a frame, and its description."""
     seen = _opened(path, (1, 1))
     return (None, seen.frame, seen.words) if seen.truth is None else (seen.truth, None, seen.words)
 
@@ -456,7 +456,7 @@ def _from_file(settings: MultiplexSettings, modulator: Modulator, dark: float) -
     shape = seen.frame.shape
     words = f"{seen.words}, {_sized(shape)}"
     if shape != seen.part.whole:
-        words = f"{seen.words}, the middle {_sized(shape)} of {_sized(seen.part.whole)} (a copied command takes all)"
+        words = f"{seen.words}, the middle {_sized(shape)} of {_sized(seen.part.whole)} (a copied command uses all)"
     if seen.truth is None:
         return replace(seen, words=words)
     only_frames = settings.route == "lattice" or (settings.route == "general" and settings.transmissions)
@@ -534,7 +534,7 @@ def iter_reconstruct(
     """Record the scene and reconstruct it by the chosen routes.
 
     ``live`` is a frame of the camera, with the sensor coordinates (row, column) of its first pixel: super-pixels begin
-    at the sensor's corner. ``camera`` states the lattice for the route by lattice.
+    at the sensor's corner. ``camera`` states the lattice for the route ``"lattice"``.
 
     Raises
     ------
@@ -611,7 +611,7 @@ def _iter_lattice(
     if is_straight(lattice):
         ways.append(("Fourier", _finite(seen, settings), {"route": "fourier"}))
     else:
-        words += "; no Fourier route, as its rows are bent"
+        words += "; no Fourier route, because the lattice's rows are bent"
     found_by: list[Route | None] = []
     for k, (name, frame, how) in enumerate(ways):
         yield clock.at(k, name)

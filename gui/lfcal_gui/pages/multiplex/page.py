@@ -73,13 +73,13 @@ class Page(BasePage):
         return MultiplexSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Update the page if settings or sensor changed."""
+        """Update the page if settings or camera changed."""
         if old.camera != new.camera or MultiplexSettings.of(old) != MultiplexSettings.of(new):
             self.searching.follow(new)
             self._show(new)
 
     def entered(self) -> None:
-        """Compute the content when the page is first shown."""
+        """Compute the content and show it."""
         self._entered = True
         self._show(self.context.state)
 

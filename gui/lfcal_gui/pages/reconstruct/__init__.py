@@ -1,6 +1,6 @@
 """Use: export H for another code, and reconstruct volumes from light fields.
 
-- ``page``, ``panel``; ``_volume_view``: the volume turned (``_solid_picture``) or from three sides (``model_volume``)
+- ``page``, ``panel``; ``_volume_view``: the volume rotated (``_solid_picture``) or from three sides (``model_volume``)
 - ``_exporting``, ``export_model``: H as a file for another code; ``step``: both as commands
 - ``model``: settings; ``model_solving``: light fields, the forecast, and a run that is stopped and continued
 - ``_costing``: what accuracy costs

@@ -32,7 +32,7 @@ class Costing(QObject):
     context, panel, parent
         Context, panel and parent widget of the page.
     use
-        Function that changes settings, given by name.
+        Function that changes settings; called with the label of the change and the values by name.
     """
 
     def __init__(

@@ -118,7 +118,7 @@ class ExportCard(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: ExportSettings, H: PSFMatrix, quality: str) -> None:
-        """Show the export settings for an H; its quality is a word, empty if it was not judged."""
+        """Show the export settings for an H; ``quality`` is a word, empty if H was not judged."""
         code = settings.code_for(H)
         self.codes[code].setChecked(True)
         for name, fact in zip(FACTS, facts_of(H, code, quality), strict=True):

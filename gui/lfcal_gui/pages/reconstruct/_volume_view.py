@@ -384,17 +384,17 @@ class VolumeView(QWidget):
         Parameters
         ----------
         volume
-            None: nothing.
+            The volume. None: show nothing.
         depths_um
-            Depth of each plane; without it, or without the size of voxels, these are cubes.
+            Depth of each plane (µm). If depths or sides of voxels are not given, voxels are drawn as cubes.
         voxel_um
-            Sides of a voxel (rows, columns).
+            Sides of a voxel (rows, columns; µm).
         truth
-            What it should be, where that is known.
+            The true volume; None if it is unknown.
         title
             First words of the caption.
         maps
-            Maps of its uncertainty, as in `quantity_of`. None: unknown.
+            Maps of the uncertainty of the volume, as in `quantity_of`. None: unknown.
         """
         self._volume, self._title = volume, title
         self._again = partial(self.set_volume, volume, depths_um, voxel_um, truth, title, maps)

@@ -138,7 +138,7 @@ class ExportSettings(PageSettings):
         psf, out, mat_order
             H, the file to write, and the order of axes that was stated for H.
         code, quality
-            Write it for this code, with a word for the quality of H; empty: as the options say.
+            Code for which the file is written, and a word for the quality of H. An empty code: as the options say.
         """
         from lfcal.psf import regions_of
         from lfcal.tasks import task_set
@@ -194,7 +194,7 @@ class ExportSettings(PageSettings):
         return f"Export for {CODES[code].title}" if code else f"Export as {self.suffix}"
 
     def holds_ht(self, code: str) -> bool:
-        """Return whether the file holds HT as well."""
+        """Return whether the file also contains HT."""
         return CODES[code].one_lens if code else self.suffix == ".mat" and not self.no_ht
 
     def nbytes(self, H: PSFMatrix, code: str) -> int:
@@ -228,7 +228,7 @@ def facts_of(H: PSFMatrix, code: str, quality: str) -> ExportFacts:
 
 
 def iter_exported(task: Task, path: str) -> Work[Path]:
-    """Export the H of a file, which is reopened because the window may close its own in the meantime.
+    """Export H with the task, which opens the file of H again because the window may close it in the meantime.
 
     An export of planes continues after the completed ones; an export for a code starts again.
     """

@@ -309,7 +309,7 @@ class ReconstructSettings(PageSettings):
 
     @property
     def ends_by_itself(self) -> bool:
-        """Whether the solver stops automatically; one without weights cannot hold out pixels."""
+        """Whether the solver stops automatically; a solver without weights cannot hold out pixels."""
         return bool(self.stop) and (self.stop != STOPS[0] or used_by(self.solver, "weights"))
 
     def usable(self) -> None:
@@ -357,7 +357,7 @@ class ReconstructSettings(PageSettings):
         )
 
     def optics(self, psf: str, mat_order: str = "") -> SharedOptics:
-        """Return what opens and applies the H in a file."""
+        """Return the settings with which the H in the file ``psf`` is opened and applied."""
         return SharedOptics(Path(psf), self.other_regions, mat_order, self.light_field, self.projection)
 
     def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
@@ -413,7 +413,7 @@ class ReconstructSettings(PageSettings):
                 "region",
                 f"a region inside the light field of {shape[0]} × {shape[1]} px",
                 (row, column, rows, columns),
-                "correct it",
+                "choose a region inside the light field",
             )
         return slice(row, row + rows), slice(column, column + columns)
 

@@ -53,9 +53,10 @@ def light_field(path: str) -> NDArray[Any]:
 
 
 class OpenedVolume(NamedTuple):
-    """A volume ``(nz, Y, X)`` that was read from the file or folder ``path``, and what this states of it.
+    """A volume ``(nz, Y, X)`` from the file or folder ``path``, and the facts stated there.
 
-    ``maps`` are those of its uncertainty, by name (`bar_outputs`); ``regions`` are the rows of the table of regions.
+    ``maps`` describe the uncertainty of the volume, by name (`bar_outputs`). ``regions`` are the rows of the table of
+    regions.
     """
 
     path: str
@@ -144,9 +145,9 @@ def make_light_field(
     shape
         Rows and columns; by default `synthetic_shape`.
     counts
-        Brightest pixel; each count is taken as one photon.
+        Value of the brightest pixel before noise is added; each count is one photon.
     seed
-        Of phantom and noise.
+        Seed of phantom and noise.
     """
     from lfcal.base import write_tiff
     from lfcal.reconstruct import Projector, phantom
@@ -179,9 +180,9 @@ def projector_for(
     matrices
         H, and those of other regions.
     shape
-        Rows and columns of all of an image, as ``view`` resampled it.
+        Rows and columns of the full image, after resampling by ``view``.
     settings
-        What the user chose.
+        The user's settings.
     view
         How the light field was resampled.
     """
@@ -236,7 +237,7 @@ def outlook_of(P: Any, choice: SolverChoice) -> SolvingForecast:
     ]
     others = [f"{o.method} {format_seconds(o.pair_s)}" for o in found.options if o.method != cost.method]
     if others:
-        rows.append(("Other projectors", ", ".join(others) + " a pair"))
+        rows.append(("Other projectors", ", ".join(others) + " (forward and adjoint)"))
     cells = "".join(f"<tr><td style='padding-right:8px'>{a}</td><td><b>{b}</b></td></tr>" for a, b in rows)
     return SolvingForecast(total, f"<table cellspacing='1'>{cells}</table>")
 
@@ -352,7 +353,10 @@ class Solving:
         return self._stop.is_set()
 
     def fits(self, psf: str, settings: ReconstructSettings, mat_order: str = "") -> bool:
-        """Return whether the run can continue with ``settings``: only iterations and saved voxels may differ."""
+        """Return whether the run can continue with ``settings``.
+
+        Only iterations, the voxels to save, and settings of error bars may differ.
+        """
         free = {key: getattr(self.settings, key) for key in ("iterations", "voxel", *BARS)}
         same = replace(settings, **free)
         return (psf, mat_order) == (self.psf, self.mat_order) and same == self.settings
@@ -406,7 +410,7 @@ class Solving:
         H, shape = self._matrices[0], (self.image.shape[0], self.image.shape[1])
         self._view, self._said = self.settings.view(H, shape), ()
         if self._view is not None:
-            self._said = (f"{drift_words(self._view, shape)}: the light field is resampled to it",)
+            self._said = (f"{drift_words(self._view, shape)}: the light field is resampled to this period",)
         elif note := drift_note(H.camera, H.period, shape):
             self._said = (f"warning: {note.partition(':')[0]}, and the volume shows ghosts",)
         self._margin = self.settings.choice_for(H, self._shape).margin

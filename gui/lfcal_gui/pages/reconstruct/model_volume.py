@@ -30,7 +30,7 @@ LONGEST = 2.0
 """Largest length of the depth axis in the side views, relative to the longer lateral side."""
 
 THINNEST = 0.25
-"""Least share of the longest axis that the room for another axis has."""
+"""Smallest space for an axis in the side views, relative to the longest axis."""
 
 TILE = 96
 """Largest side of a thumbnail (pixels)."""
@@ -44,7 +44,7 @@ HATCH, GAP = 6, 2
 
 
 def quantity_of(volume: NDArray[Any], maps: Mapping[str, NDArray[Any]], quantity: str) -> NDArray[Any]:
-    """Return one of `QUANTITIES` of a ``volume`` ``(Z, Y, X)``, whose ``maps`` are those of its error bars.
+    """Return one of `QUANTITIES` of a ``volume`` ``(Z, Y, X)`` with the ``maps`` of its error bars.
 
     *Known* is the volume, hatched with not-a-number where nothing is known about details of a voxel's size.
     """
@@ -184,7 +184,7 @@ def _small(plane: NDArray[Any]) -> NDArray[Any]:
 
 
 class ViewCell(NamedTuple):
-    """Place of one of the three views: what is across and down, and its left, top, width and height (pixels)."""
+    """Place of one of the three views: the axes across and down, and its left, top, width and height (pixels)."""
 
     across: str
     down: str
@@ -285,7 +285,7 @@ def _nearest(places: NDArray[np.float64], pixel: float) -> tuple[NDArray[np.intp
 
 
 def box_of(solid: Solid, turn: NDArray[np.float64]) -> tuple[Overlay, ...]:
-    """Return the visible edges of a volume; back edges come first and are darker."""
+    """Return the edges of the box around a volume; the back edges come first and are darker."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     seen = (signs * solid.half) @ turn.T
     farthest = int(np.argmax(seen[:, 2]))

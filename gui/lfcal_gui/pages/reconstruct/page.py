@@ -127,7 +127,7 @@ class Page(BasePage):
         self._show_controls()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Update the page if H, its verdict, light field or settings changed."""
+        """Update the page if H, its verdict, light field, volume or settings changed."""
         self.exporting.show()
         same = ReconstructSettings.of(old) == ReconstructSettings.of(new)
         if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
@@ -575,7 +575,7 @@ class Page(BasePage):
             self.load(Path(path).name, lambda: read_volume(path), self._take_volume)
 
     def _take_volume(self, found: OpenedVolume) -> None:
-        """Show a volume that was read instead of a reconstructed one."""
+        """Show a volume from a file in place of a reconstructed one."""
         if self._job:
             self.refuse("a reconstruction is running; stop it, then open the volume again")
             return

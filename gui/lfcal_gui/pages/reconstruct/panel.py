@@ -47,7 +47,7 @@ from lfcal_gui.widgets import (
     shown_tone,
 )
 
-NOT_BY_ITSELF = "It cannot hold out pixels, so it ends after the number of iterations."
+NOT_BY_ITSELF = "This solver cannot hold out pixels, so it ends after the number of iterations."
 
 NO_LIGHT_FIELD = (
     "No light field open\nOpen an image taken through these optics, or make one from a known "
@@ -168,7 +168,11 @@ class ReconstructPanel(QWidget):
         column.addWidget(self.more)
         self.go = QPushButton("Reconstruct")
         self.go.clicked.connect(lambda: self.pressed.emit(self._go))
-        self.save = self._button("save", "Save volume …", "Write the volume: .tif (opens in ImageJ), .h5 or .npy")
+        self.save = self._button(
+            "save",
+            "Save volume …",
+            "Write the volume as TIFF (opens in ImageJ), OME-TIFF, OME-Zarr, HDF5 or NumPy file",
+        )
         held = self.save.sizePolicy()
         held.setRetainSizeWhenHidden(True)  # nothing moves when there is a volume to save
         self.save.setSizePolicy(held)

@@ -76,7 +76,7 @@ class PlanSettings(ScanRates):
         target_task(self if self.many else replace(self, source="array"))
 
     def changed(self, key: str, value: Any) -> Self:
-        """Return the settings with one changed; raise `InputError` if the value is refused."""
+        """Return the settings with one value changed; raise `InputError` if the value is refused."""
         given = value.strip() if isinstance(value, str) else value
         made = replace(self, **{key: ROWS[key].value(given, ROWS[key].label)})
         made.usable()

@@ -426,7 +426,7 @@ class Page(BasePage):
             self.check_white(path)
 
     def choose_dark(self) -> None:
-        """Ask for a dark frame, which is subtracted in later checks."""
+        """Ask for a dark frame to subtract from white images, and check the current white image again."""
         path = QFileDialog.getOpenFileName(self, "Dark frame", self._dark, _image_names())[0]
         if path:
             self._dark = path

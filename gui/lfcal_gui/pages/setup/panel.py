@@ -197,7 +197,7 @@ class PlanningPanel(QWidget):
         self._area: Area | None = None
         """Area to show, for any size of the picture."""
         self._showing = False
-        """Whether the panel is being filled, because new parts change the size of the picture repeatedly."""
+        """Whether the panel is being filled; meanwhile, changes of the size of the picture do not redraw it."""
         self._shown: tuple[Any, Shot] | None = None
         """Input of the drawn picture, and the picture."""
         self.inspector = Inspector(check, check_scan)
@@ -276,8 +276,8 @@ class PlanningPanel(QWidget):
     def show_state(self, state: ProjectState, checked: Checked | None, light: ExpectedLight | str | None) -> None:
         """Show camera and plan of a project.
 
-        ``checked`` has the white image that the camera was compared with, ``light`` that of the patterns,
-        or the reason why it is unknown.
+        ``checked`` is the comparison of the camera with a white image. ``light`` is the light of the patterns, or the
+        reason why it is unknown. Either is None if it is not known yet.
         """
         plan, settings, refused, half = state.plan, PlanSettings.of(state), "", None
         if plan is not None and settings.half_cell:

@@ -21,7 +21,7 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
 
 
 def camera_step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return the step that shows the camera, or that first writes it to ``out``."""
+    """Return the step that shows the camera, which is written to the file ``out`` (empty: `CAMERA_FILE`)."""
     name = out or CAMERA_FILE
     python = f"""
 from lfcal.camera import Camera
