@@ -386,7 +386,7 @@ class _BlasGate:
         self.undo = ExitStack()
 
     def close(self) -> None:
-        """Limit the loaded BLAS libraries: numpy and scipy may each include one."""
+        """Limit the loaded BLAS libraries to one thread; numpy and scipy may each include one."""
         self.undo.enter_context(_LIBRARIES.loaded().limit(limits=1, user_api="blas"))
 
 

@@ -142,7 +142,7 @@ def _report(line: str) -> None:
 
 @contextmanager
 def _signals_clean_up() -> Iterator[None]:
-    """Let Ctrl-C, a hang-up or a request to terminate end the program; scratch files are removed."""
+    """Return a context in which Ctrl-C, a hang-up or a request to terminate ends the program after its clean-up."""
 
     def end(number: int, _: FrameType | None) -> None:
         raise _Ended(number)

@@ -76,7 +76,7 @@ class ViewedFrame:
             yield plane, {"white": None if self.white is None else self.white[name], "radius_px": self.radius_px}
 
     def to_dict(self, found: dict[str, list[Views]]) -> dict[str, Any]:
-        """Return the table of views and the lattice as plain values for JSON; ``found`` is as in `rows`."""
+        """Return facts about the views and the lattice as plain values for JSON; ``found`` is as in `rows`."""
         views = next(iter(found.values()))[0]
         names = ("kind", "pitch_px", "row_pitch_px", "rotation_rad")
         return {

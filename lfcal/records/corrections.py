@@ -27,14 +27,15 @@ class CorrectionRecipe:
 
     dark: str | os.PathLike[str] = opt(
         "",
-        "Dark frame, or a folder of dark frames to average. none: subtract no dark frames, not even recorded ones.",
+        "Dark frame, or a folder of dark frames to average. none: subtract neither recorded dark frames nor the stated "
+        "black level.",
         label="Dark frame",
         file="in",
         empty="recorded dark frames, else the stated black level",
     )
     black_level: float | None = opt(
         None,
-        "Sample value without light, after the bit shift; used if there are no dark frames.",
+        "Sample value without light, after the bit shift; subtracted instead of recorded dark frames.",
         unit="counts",
         empty="as stated by file or plan",
     )
@@ -87,7 +88,7 @@ class CorrectionRecipe:
     )
     exposure: str = opt(
         "auto",
-        "Exposure time to which the frames are scaled. auto: a common one, if exposure times are known and differ. "
+        "Exposure time to which the frames are scaled. auto: the most frequent one, if the exposure times differ. "
         "none: do not scale.",
         unit="s",
         examples=("auto", "none"),

@@ -93,7 +93,8 @@ class VoxelGrid:
     )
     margin: int | str = opt(
         "auto",
-        "Width by which the volume extends beyond the frame, for light from outside. auto: about two periods of H.",
+        "Width by which the volume extends beyond the frame, for light from outside. auto: two periods of H, or less "
+        "for a small cutout or frame.",
         unit="px",
         read=partial(read_count, at_least=0, words=("auto",)),
         examples=("auto", "0"),

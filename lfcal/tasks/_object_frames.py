@@ -61,7 +61,7 @@ def windows_field(use: str) -> int | None:
 
 
 class ObjectFrames(Sequence["NewFrame"]):
-    """Frames that are read when they are needed, with the time of each.
+    """Frames that are read when they are needed, and their recording times, as far as these are known.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 SOME = 40
-"""Number of positions used from a source that has more."""
+"""Default number of positions used from a source that has more."""
 
 NO_PLACE = ", (z, y, x) = (0, 0, 0)"
 """The position that errors name for a single frame; it is removed where positions have no meaning."""
@@ -113,7 +113,7 @@ class PatternReading:
     plan
         Scan plan of frames, or of an H that has no camera.
     recipe
-        Corrections of frames. None: the sources are H.
+        Corrections of frames. None: the default ones; set it unless all sources are H.
     orientation
         Operation that turns the frames upright.
     fit
@@ -325,10 +325,11 @@ def of_one_channel(source: Path, plan: Path | None, colours: Sequence[str]) -> s
 def without_positions(
     error: InputError, source: Path, plan: Path | None, recipe: CorrectionRecipe | None, matrix: Path | None = None
 ) -> InputError:
-    """Return ``error`` with the command to type, if it is about positions that ``source`` does not state.
+    """Return ``error`` with a remedy for this command, if it is about positions that ``source`` does not state.
 
-    ``plan`` and ``recipe`` are those that were given. If all frames are in one subfolder, the message names it.
-    ``matrix`` is the H to check with the frames; positions can be found in it.
+    ``plan`` and ``recipe`` are those that were given. If the frames of exactly one subfolder state their positions, the
+    message names this folder. ``matrix`` is the H to check with the frames, in which the positions of single frames can
+    be found; None in a fit.
     """
     said, _, remedy = str(error).partition("; ")
     if not any(option in remedy for option in LISTED):

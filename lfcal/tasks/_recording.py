@@ -96,7 +96,7 @@ def stoppable(control: Control) -> Iterator[list[int]]:
 
 
 def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding, ...]]) -> Work[R]:
-    """Pass on the progress of a recording, and report alarms, pauses and skipped stage checks once each."""
+    """Pass on the progress of a recording; report each kind of alarm once, pauses, and notes of the stage check."""
     from lfcal.acquire.setup import STAGE
 
     held, reported, look = "", set[str](), time.monotonic() + ALARM_EVERY_S

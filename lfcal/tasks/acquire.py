@@ -41,7 +41,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 NUMBERS: dict[str, Any] = {"read": _numbers, "show": show_planes, "more": True}
-"""Names of the attributes of fields with several numbers."""
+"""Attributes of a field with several numbers, as keyword arguments of `opt`."""
 
 
 def _groups() -> tuple[str, ...]:
@@ -152,8 +152,8 @@ class _Acquire(Task):
     )
     bracket: str | tuple[float, ...] | None = opt(
         None,
-        "Exposures at each position, as multiples of the planned exposure, such as 1,0.25. They are merged into one "
-        "frame of high dynamic range.",
+        "Exposures at each position, as multiples of the planned exposure, one of which is 1, such as 1,0.25. They are "
+        "merged into one frame of high dynamic range.",
         label="Exposure bracket",
         empty="1",
         **NUMBERS,
@@ -370,7 +370,10 @@ class _Acquire(Task):
         return self.out if run.resume or self._given("redo") is not None else None
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
-        """Record until the scan is complete or a signal is received, then assemble H if requested."""
+        """Record until the scan is complete or a signal is received; with `dry_run`, only predict the cost.
+
+        From a complete recording, H is assembled if requested. The recording is then compressed, unless `pack` is off.
+        """
         from lfcal.acquire import Control, optics_of
         from lfcal.devices import open_rig
 
@@ -410,7 +413,7 @@ class _Acquire(Task):
         return (quality,), lambda: {"alarms": quality.state().alarms}
 
     def _iter_ended(self, found: Any, facts: dict[str, Any], ended_by: int, run: RunSettings) -> Work[RecordedSession]:
-        """Assemble and pack a session that is complete."""
+        """Return the result of a recording; assemble and compress a complete session before, as requested."""
         from lfcal.acquire import Outcome
 
         adapted, outcome = (None, found) if isinstance(found, Outcome) else (found, found.outcome)
@@ -702,7 +705,7 @@ class Acquire(_AcquireScan):
     )
 
     def __post_init__(self) -> None:
-        """Check every value, and that a list of positions goes with a new session."""
+        """Check every value, and that a list of positions is given only for a new session."""
         super().__post_init__()
         self._begun(RunSettings())
 

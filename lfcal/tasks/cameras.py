@@ -62,8 +62,8 @@ def load_camera(
 
     For a preset, nothing is reported. Set ``light=False`` if the result does not depend on light and noise; their
     assumed values are then not reported. ``only`` contains the paths of the values on which the result depends; other
-    assumed values are not reported. None: all values are. For a camera without a lattice, ``without_lattice`` replaces
-    ``only`` unless it is None.
+    assumed values are not reported. None: the result depends on all values. For a camera without a lattice,
+    ``without_lattice`` replaces ``only`` unless it is None.
     """
     from lfcal.camera import PRESETS, preset
 

@@ -348,7 +348,7 @@ def _grey(path: Path, reading: ColourReading) -> NDArray[np.float32]:
 
 
 def _types(white: NDArray[np.float32], fit: LatticeFit, camera: Camera | None) -> TypeOf | None:
-    """Return the lens types in a white image of a camera with three lens types."""
+    """Return the lens types in a white image of a camera with three lens types; None for any other camera."""
     from lfcal.lattice import classify_lens_types, expected_blur
 
     if camera is None or len(camera.lattice.types) != 3:

@@ -152,7 +152,7 @@ def _missing() -> bool:
 
 
 def _uncompressed() -> bool:
-    """Declare the field of compressed formats."""
+    """Declare the field ``uncompressed`` of formats that are usually compressed."""
     return opt(False, "Do not compress the file. It becomes larger, and can be read faster.", more=True)
 
 

@@ -82,7 +82,7 @@ class FittedPatterns(NamedTuple):
 
 
 def read_unknowns(text: str) -> str:
-    """Return ``text``, ``auto`` or comma-separated groups of unknowns, without spaces and repeated groups.
+    """Return ``text``, which states ``auto`` or comma-separated groups of unknowns, without spaces and repetitions.
 
     Raises
     ------

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["INSPECT", "Inspect", "InspectedMatrix"]
 
 REGIONS_PICTURE = "regions.png"
-"""Name of the map of several regions of the field, in the folder of the report."""
+"""Name of the plot that compares the regions of the field, a file in the folder of the report."""
 
 RATE = 200e6
 """Estimated number of bytes of H read and measured per second of processor time."""
@@ -70,7 +70,8 @@ class InspectedMatrix(TaskResult):
 class Inspect(MatrixTask):
     """Measure the quality of H: every check with its rating, the apertures, and what to do.
 
-    If the camera of H is known, patterns are compared with its prediction, and the causes of faults are named.
+    If the camera of H is known, patterns are compared with those that the camera model predicts, and the causes of
+    faults are named.
 
     Examples
     --------

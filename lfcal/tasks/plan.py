@@ -343,7 +343,10 @@ def _check_size(
     origin: tuple[int, int] | None,
     folder: str,
 ) -> None:
-    """Raise `InputError` for frames smaller than a sensor of known size if their position on it is unknown."""
+    """Check that frames fit on the sensor, and warn if they have another size.
+
+    Frames that are smaller than a sensor of known size raise `InputError` if their position on it is unknown.
+    """
     from lfcal.frames import check_inside, is_part_of_sensor, part_refusal, stated_origin
 
     if origin is not None:

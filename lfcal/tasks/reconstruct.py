@@ -49,16 +49,16 @@ __all__ = [
 ]
 
 AUTO = "auto"
-"""Value of a field for beads that are found in the volume."""
+"""Value of the field ``features`` with which beads are searched for in the volume."""
 
 QUICK = 5
-"""Number of replicates of error bars that are computed quickly."""
+"""Number of replicates that is suggested if error bars take long to compute."""
 
 FORMATS = (".tif", ".ome.tif", ".ome.zarr", ".h5", ".npy")
 
 
 def _find(name: str) -> type[SolverFields]:
-    """Return the record of a solver, including those from other packages."""
+    """Return the record class of the solver ``name``, which may be from another package."""
     own = {SOLVER_KINDS.name_of(kind): kind for kind in OWN_SOLVERS}
     if name in own:
         return own[name]
@@ -76,7 +76,7 @@ def _names() -> tuple[str, ...]:
 
 
 SOLVER_KINDS = Variants(OWN_SOLVERS, "name", _find, _names)
-"""The records of solvers."""
+"""Record classes of lfcal's solvers, and functions that find those of other packages."""
 
 
 def solver_settings(name: str, **values: Any) -> SolverFields:
@@ -465,7 +465,10 @@ class _ReconstructUncertain(_ReconstructTo):
             raise InputError.expected("--fit", "H of one region", "--region", "leave one of them out")
 
     def _iter_changes(self, run: FrameRun, how: RunSettings) -> Work[Path | None]:
-        """Write the changes of H along the principal axes of the fit; return the file, or None without a fit."""
+        """Write the changes of H along the principal axes of the uncertainty of the fit, and return the file.
+
+        Without a fit, return None.
+        """
         from lfcal.fit import iter_write_deviations
         from lfcal.work import RunChoice
 

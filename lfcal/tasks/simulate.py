@@ -246,7 +246,7 @@ class _Simulate(Task):
 
     @property
     def camera_name(self) -> str:
-        """Preset or file of the camera, as commands name it; a file to write if ``camera`` is a plan."""
+        """Preset or file of the camera for suggested commands; ``camera.json`` if ``camera`` is a plan."""
         return "camera.json"
 
     def selection(self, plan: ScanPlan, tolerance: float | None = None, **more: Any) -> EffectSelection:
@@ -290,7 +290,7 @@ class _Simulate(Task):
         Parameters
         ----------
         plan, out, run
-            The plan to simulate, the file to write, and the executor.
+            The plan to simulate, the file to write, and the settings of the run.
         stored
             As in `SimulatedH`.
         on_pass
@@ -331,7 +331,7 @@ class _OfOnePlan(_Simulate):
 
     @property
     def camera_name(self) -> str:
-        """Preset or file of the camera, as commands name it; a file to write if ``camera`` is a plan."""
+        """Preset or file of the camera for suggested commands; ``camera.json`` if ``camera`` is a plan."""
         return shlex.quote(self.camera) if self.depths or self.virtual_depths else super().camera_name
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Any, ...]]:
@@ -341,7 +341,7 @@ class _OfOnePlan(_Simulate):
         return (made,)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[Any]:
-        """Simulate ``plan`` in memory instead of the plan of ``camera``."""
+        """Simulate ``plan``, which replaces the plan or camera that `camera` names."""
         raise NotImplementedError
 
 

@@ -27,7 +27,7 @@ FACES = {
     ),
     **{kind.__name__: "lfcal.reconstruct" for kind in OWN_SOLVERS},
 }
-"""Packages from which records are imported."""
+"""Packages from which Python code imports the classes of records, by name of the class."""
 
 
 def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
