@@ -74,7 +74,7 @@ def iter_session_patterns(folder: Path) -> Work[Measured]:
 
 
 FIRST = 12
-"""Smallest number of positions before the first fit."""
+"""Default number of positions before the first fit."""
 
 FEWEST = 5
 """Smallest number of positions added at a time, because a fit follows each time."""

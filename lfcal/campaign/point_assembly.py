@@ -116,7 +116,7 @@ class PointFrames(SourceView):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """float32, because values are scaled to holes of equal brightness."""
+        """Sample type, float32, because values are scaled to holes of equal brightness."""
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:

@@ -225,7 +225,7 @@ class _Holes:
 
 
 HOLE = "hole"
-"""Group of unknowns (`lfcal.fit.groups.light.Holes`)."""
+"""Name of the group of unknowns for the diameter of the holes (`lfcal.fit.groups.light.Holes`)."""
 
 NEEDED_SHARE = 0.1
 """Fraction of the residual beyond noise in held-out patterns that another size must explain."""
@@ -333,7 +333,7 @@ MOST = 72
 """Number of fitted points: eight in each of nine parts of the field; the remaining error is that of the simulation."""
 
 OTHERS = ("region_places", "region_depths", "stage_scale", "stage_zero", "source")
-"""Groups only for scans: points of a target share one lattice and one plane, and their sources are holes."""
+"""Groups fitted only to scans: points of a target share one lattice and one plane, and their sources are holes."""
 
 ALWAYS_FITTED = ("pitch", "plane_tilt")
 """Groups that are always fitted, because small errors are visible over the field."""

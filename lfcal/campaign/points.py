@@ -46,7 +46,7 @@ class Points:
     holes
         Label (row, column) of each point's hole, ``(n, 2)``.
     pixels
-        Sensor position (row, column) of each chief ray, ``(n, 2)``; the cutout is centred on the nearest pixel.
+        Sensor position (row, column) of each chief ray (px), ``(n, 2)``; the cutout is centred on the nearest pixel.
     brightness
         Light of each point relative to the median hole in its frame, ``(n,)``.
     away_um

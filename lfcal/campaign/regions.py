@@ -1,7 +1,7 @@
 """Record several regions of the field as one session: a folder with a session per region.
 
-Each region is read out on its part of the sensor, with separate dark frames, and is as safe as any session. Together
-they have one plan, one command and one H file.
+Each region is read out on its part of the sensor, with separate dark frames, and is stored as safely as any session.
+Together they have one plan, one command and one H file.
 """
 
 from __future__ import annotations

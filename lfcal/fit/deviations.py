@@ -149,7 +149,7 @@ class DeviationPlanes(PlaneSource):
 
 
 def open_deviations(values: Mapping[str, Any], workers: int) -> DeviationPlanes:
-    """Return the planes of the axis in ``values`` of `DeviationPlanes.reopening`; those of other axes are the same."""
+    """Return the planes of the axis in ``values`` of `DeviationPlanes.reopening`, repeated for all axes before it."""
     before, after = (open_model(one, workers) for one in values["pair"])
     pairs = [(before.setup, after.setup)] * (int(values["axis"]) + 1)
     return DeviationPlanes(pairs, before.planned, {})

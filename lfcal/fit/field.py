@@ -165,7 +165,7 @@ def _check_alike(name: str, plan: ScanPlan, first: ScanPlan) -> None:
 
 # -- the fit -----------------------------------------------------------------------------------------------------------
 OVER_THE_FIELD = ("pitch", "region_places")
-"""Groups always fitted for several regions, because a small error of the pitch becomes pixels over the field."""
+"""Groups always fitted to several regions; over the field, small pitch errors displace lenslets by pixels."""
 
 F8 = NDArray[np.float64]
 

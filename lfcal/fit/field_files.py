@@ -30,7 +30,7 @@ OF_ALL = (
 
 
 class WrittenField(NamedTuple):
-    """Paths of the files of a fit of several regions, and the summaries of its hybrid H, by name of the region."""
+    """Paths of the files of a fit of several regions, and the summary of the hybrid H of each region, by name."""
 
     files: list[Path]
     hybrids: dict[str, HybridSummary]

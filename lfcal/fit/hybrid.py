@@ -388,7 +388,7 @@ class HybridPlanes(PlaneSource):
     Parameters
     ----------
     header
-        Description of H, without its values.
+        Header of H, without its values.
     fit
         The fit that contains the model.
     source

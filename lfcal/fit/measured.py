@@ -49,9 +49,9 @@ class Measured:
     held_out
         Mask ``(n,)``, True for patterns that are held out to measure the quality of the fit.
     extra_light
-        Light at unit gain that each pattern contains in addition to the prediction of the planned optics,
-        ``(n, nt, ns)``. This light stays constant while the unknowns change, because computing it for every derivative
-        would take too long. None: no additional light.
+        Light at unit gain that each pattern contains in addition to the prediction of the model, ``(n, nt, ns)``. This
+        light stays constant while the unknowns change, because computing it for every derivative would take too long.
+        None: no additional light.
     blur
         Additional light of each pattern at unit gain, ``(n, nt, ns)``, per µm² of squared hole diameter for the holes
         of a target (`lfcal.fit.setup.Setup.hole_um`). None: the diameter is not fitted.
@@ -247,7 +247,7 @@ def check_optics(matrix: PSFMatrix) -> None:
 
 
 def kept_aside(matrix: PSFMatrix) -> list[list[int]]:
-    """Return the positions (z, y, x) that the provenance of H excludes from a fit; empty if missing or invalid."""
+    """Return the positions (z, y, x) that the provenance of H lists as held out; empty if missing or invalid."""
     said = matrix.provenance.get("kept_aside")
     shape = (matrix.shape[0], *matrix.period)
     # provenance comes from a file that anyone may have written

@@ -175,7 +175,7 @@ class ModelPlanes(PlaneSource):
     Parameters
     ----------
     header
-        Description of H, without its values.
+        Header of H, without its values.
     setup, planned
         The setup to compute, and the scan as planned.
     gains
@@ -234,7 +234,7 @@ class ModelPlanes(PlaneSource):
         return Reopening(f"{__name__}:{open_model.__name__}", values)
 
     def named(self, out: Path) -> str:
-        """Return a description of the H that is written to ``out``."""
+        """Return the title of a run of units that writes ``out``, for messages."""
         return f"H of the fitted camera, {out.name}"
 
 

@@ -179,7 +179,7 @@ class Group(ABC):
     title: str
     """Display name."""
     rank: int = 50
-    """Order in lists."""
+    """Sort key in lists; smaller numbers come first."""
     late: bool = False
     """Whether the group is tried only after the others, because each pattern needs many runs of the engine."""
     held: bool = False

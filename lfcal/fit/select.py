@@ -23,7 +23,7 @@ LINEAR = 0.5
 """Largest distance from the start (in scales) at which derivatives predict the effect of fixing an unknown."""
 
 STEPS = 6
-"""Number of steps in which the other groups compensate for a group that is removed."""
+"""Largest number of steps in which the other groups compensate for a group that is removed."""
 
 
 class GroupSelection:

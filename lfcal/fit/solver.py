@@ -19,7 +19,7 @@ LONGEST = 5.0
 """Longest step of an unknown, in its scales."""
 
 STEPS = 4
-"""Number of steps with the same derivatives."""
+"""Largest number of steps with the same derivatives."""
 
 TRIES = 5
 """Number of dampings that are tried before a step is abandoned."""

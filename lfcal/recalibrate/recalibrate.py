@@ -93,7 +93,7 @@ LEAST_SHARE = 0.2
 """Relative change of an unknown, divided by that of the depths, above which it is reported."""
 
 HELPS = 0.7
-"""Ratio of the excess of the goodness of fit over 1, with to without a remedy, below which the remedy is named."""
+"""Excess of the goodness of fit over 1 with a remedy, divided by that without, below which the remedy is named."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ __all__ = ["RATE", "iter_watch", "watch"]
 F8 = NDArray[np.float64]
 
 RATE = 0.01
-"""Rate of false alarms."""
+"""Default probability of a false alarm in each test."""
 
 LINEAR = np.array([0.1, 0.1, 0.5])
 """Steps (px, px, %) above which derivatives are computed again at the drift, if H does not explain a frame."""

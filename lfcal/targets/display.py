@@ -38,7 +38,7 @@ EXAMPLE = "write it in the form display:2160x3840@8um"
 
 @dataclass(frozen=True, slots=True)
 class Display:
-    """Display in the object space of a camera, whose pixels serve as point sources.
+    """Display in the object space of a camera; the pixels of the display serve as point sources.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Holes of a target in a frame: their positions, their labels, and faults of the target."""
+"""Holes of a target in a frame: their positions and labels, and deviations of the target from its description."""
 
 from __future__ import annotations
 

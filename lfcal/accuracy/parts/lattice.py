@@ -22,7 +22,7 @@ from lfcal.simulate.sensor import FrameKind
 __all__ = ["PART", "white_discs"]
 
 SIDES = (8, 12, 18, 28, 42, 64, 96, 140)
-"""Side of the fitted part of the white image (lenslets)."""
+"""Sides of the fitted parts of the white image (lenslets)."""
 
 LEVEL = 0.6
 """Fraction of the full well that the brightest pixels reach."""

@@ -22,7 +22,7 @@ PATTERNS, FEWEST = 24, 6
 """Number of patterns for which positions are designed, and the smallest number of them that is shown."""
 
 EXPECTED = Expected(stage_px=0.05)
-"""Brightest pixel at 80 % of the full well, and the source position error of a careful scan."""
+"""Expected conditions: brightest pixel at 80 % of the full well, source position error of a careful scan."""
 
 CANDIDATES = 48
 """Number of candidate positions; with 300, the predicted error is about 2 % smaller, and large cameras take minutes."""

@@ -1,4 +1,4 @@
-"""The stage: its zero and the length of its steps; offsets of single positions belong to the patterns."""
+"""The stage: its zero and the length of its steps; displacements of single sources are not in these groups."""
 
 from __future__ import annotations
 
