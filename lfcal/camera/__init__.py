@@ -4,18 +4,18 @@
 - ``lattice``: lenslet array, square or hexagonal, one or three types
 - ``pupil_lenslets``: the single lenslets of a Fourier light-field microscope
 - ``sensor``: pixels and noise
-- ``distortion``: the manufacturer's distortion, stored with the camera
+- ``distortion``: distortion of the micro-image lattice, and the manufacturer's distortion of the lens
 - ``description``: the complete camera; depths, steps, JSON; which values are stated, measured, derived or assumed
 - ``presets``: built-in cameras
 - ``quantities``: names, units and usual limits of the values
-- ``draft``: an incomplete camera, each value with its source
+- ``draft``: an incomplete camera, each value with its source; ``written``: values as users write them
 - ``_doubts``: checks for implausible values: wrong units, and parts that do not match
 - ``derived``: quantities derived from a camera, and the assumed values they depend on
 - ``importers/``: readers for camera descriptions of other programs, one module per format
 - ``shadow``: size of the image of a point
 - ``stage``: relation between stage axes and the image
 - ``plan``: the positions to record, and their order
-- ``regions``: several regions of the field in one plan
+- ``regions``: several regions of the field in one plan; ``_plan_files``: plans in the formats of other programs
 - ``forecast``: time, disk space and memory of a scan
 """
 

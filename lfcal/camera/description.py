@@ -33,7 +33,7 @@ __all__ = ["MARKS", "Camera", "Marks", "build", "nearest_lens"]
 T = TypeVar("T")
 FORMAT = "lfcal-camera"
 VERSION, LATTICE_VERSION = 3, 2
-"""Latest format version; only cameras with `PupilLenslets` need it. Older programs read the others."""
+"""Format versions of cameras with `PupilLenslets`, and of all others, which older programs can also read."""
 
 ADDED: dict[int, dict[str, dict[str, Any]]] = {
     2: {
@@ -249,7 +249,7 @@ class Camera:
         """Return the distance a (µm) from the lenslet array to the image of the plane at depth ``z_um`` (µm).
 
         The distance is positive behind the array. The depth z is relative to the working plane and positive away from
-        the camera; a is then negative. For a microscope with the magnification M and the medium index n,
+        the camera; for positive z, a is negative. For a microscope with the magnification M and the medium index n,
         ``a = -M² z / n`` (paraxial). For a main lens, a follows from the thin-lens equation, and `InputError` is raised
         as in `step_um`. For lenslets in a pupil plane, it is not defined, and `NoLatticeError` is raised.
         """

@@ -25,7 +25,7 @@ STEP = 1e-3
 
 INVERSE_ROUNDS = 60
 INVERSE_TOLERANCE = 1e-12
-"""Largest last step of the inverse, in length scales."""
+"""Largest last step of the inversion, relative to the sum of the length scale and the largest coordinate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ def _powers(u: Array, degree: int) -> tuple[list[Array], list[Array]]:
 
 
 def _monomial_slopes(u: Array, degree: int) -> Array:
-    """Return the derivatives of `monomials` along x and y: ``(..., 2, terms)``."""
+    """Return the derivatives of `monomials` with respect to u_x and u_y: ``(..., 2, terms)``."""
     powers = polynomial_powers(degree)
     x, y = _powers(u, degree)
     found = np.zeros((2, len(powers), *u.shape[:-1]))
@@ -104,7 +104,7 @@ def _monomial_slopes(u: Array, degree: int) -> Array:
 
 
 def _radial_slopes(u: Array, terms: int) -> Array:
-    """Return the derivatives of |u|² u, |u|⁴ u, …: ``(..., 2, 2, terms)``; rows are displaced coordinates."""
+    """Return the derivatives of |u|² u, |u|⁴ u, … (rows) with respect to u (columns): ``(..., 2, 2, terms)``."""
     square = (u**2).sum(-1)[..., None, None]
     outer = u[..., :, None] * u[..., None, :]
     return np.stack([square**m * np.eye(2) + 2 * m * square ** (m - 1) * outer for m in range(1, terms + 1)], axis=-1)
@@ -112,7 +112,7 @@ def _radial_slopes(u: Array, terms: int) -> Array:
 
 @lru_cache(maxsize=16)
 def _slopes_within_reach(model: str, count: int) -> Array:
-    """Return `_radial_slopes` or `_monomial_slopes` of ``count`` terms or orders over the disc of radius `REACH`."""
+    """Return `_radial_slopes` (``count`` terms) or `_monomial_slopes` (degree ``count``) on the disc |u| <= `REACH`."""
     grid = np.linspace(-REACH, REACH, 15)
     points = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
     inside = points[np.hypot(*points.T) <= REACH]
@@ -236,7 +236,7 @@ class LatticeDistortion:
         return displaced
 
     def _weighted(self, slopes: Array) -> Array:
-        """Return the derivative of the displacement ``(..., 2, 2)``, given the derivatives of its terms."""
+        """Return the derivative ``(..., 2, 2)`` of the displacement with respect to u, from that of its terms."""
         terms = np.array(self.terms)
         found: Array = slopes @ terms[0] if self.model == "radial" else (slopes @ terms.T).swapaxes(-1, -2)
         return found

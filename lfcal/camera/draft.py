@@ -157,7 +157,7 @@ class Draft:
     def get(self, path: str) -> Any:
         """Return the value that is set at ``path``; if there is none, the default of the optics, lattice or sensor.
 
-        For a Fourier light-field microscope, it is the value that `camera` would assume.
+        For the lenslets of a Fourier light-field microscope, this default is the value that `camera` would assume.
         """
         if path in self._values:
             return self._values[path][0]

@@ -117,7 +117,7 @@ VERSION = 1
 # far more than any recording (25 days at a frame per millisecond): catches wrong periods and depth lists
 MAX_POSITIONS = 1 << 31
 ON_SENSOR: dict[str, float] = {"at_least": -1e6, "at_most": 1e6}
-"""Largest anchor (pixels): outside every sensor, and small enough for calculations."""
+"""Limits of the anchor (px): outside every sensor, and small enough for calculations."""
 MAX_TILT_RAD = math.radians(2.0)
 """Largest rotation (rad) for which the rectangular period describes the array."""
 
@@ -546,7 +546,7 @@ def _anchors_on_sensor(plan: ScanPlan, cutout: int, axis: int) -> tuple[float, f
 
 
 def _nearest_place(plan: ScanPlan, anchor: float, period_px: float, low: float, high: float) -> float:
-    """Return the position nearest to an anchor with its pixel in a range, by whole periods or else whole pixels."""
+    """Return ``anchor``, moved by whole periods, or else by whole pixels, until its pixel is ``low`` … ``high``."""
     pixel = math.floor(anchor + 0.5)
     if low <= pixel <= high:
         return anchor

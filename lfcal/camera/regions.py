@@ -35,7 +35,7 @@ PHASE_TOLERANCE_PX = 0.05
 """Largest difference of phase between regions (px), if the array allows it within a few periods."""
 
 SEARCH_PERIODS = 6
-"""Distance within which an anchor is searched for, in periods."""
+"""Largest distance from its ideal position at which an anchor is searched for, in periods."""
 
 
 @dataclass(frozen=True, slots=True)

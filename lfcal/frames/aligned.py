@@ -23,8 +23,8 @@ MIN_VALUES = 16
 def find_shift(source: FrameSource) -> int:
     """Return the number of bits by which the samples of ``source`` are left-aligned; 0 if they are not.
 
-    Up to six frames, evenly spread over the source, are read completely. All their samples must be multiples of
-    ``2^bits``. Unreadable frames, and those with few different values, are ignored.
+    Up to six frames, evenly spread over the source, are read completely. The result is the number of low bits
+    that are 0 in all their samples. Unreadable frames, and those with few different values, are ignored.
 
     Raises
     ------

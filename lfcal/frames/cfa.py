@@ -118,7 +118,7 @@ def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     cells of ``frame`` (the raw mosaic), while the other two colours agree. The error is raised if the difference
     between the greens exceeds both 2.5 times that between the other two colours and 5 % of the mean value of the pixels
     in these cells. Patterns other than Bayer's are not checked. An exchange of red and blue is not detected, and
-    neither is a wrong tag in a grey scene. ``name`` is that of the file in the message.
+    neither is a wrong tag in a grey scene. ``name`` is the name of the file in the message.
 
     Raises
     ------

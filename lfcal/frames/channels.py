@@ -31,7 +31,7 @@ __all__ = [
 
 
 def are_cutouts(source: FrameSource) -> bool:
-    """Return whether the frames are cutouts at different places on the sensor."""
+    """Return whether frames are cutouts: any has another origin than the metadata state (if none: (0, 0))."""
     part = source.metadata.origin or (0, 0)
     return any(source.info(k).origin != part for k in range(len(source)))
 
@@ -289,7 +289,8 @@ def _filter(source: FrameSource, plan: ScanPlan) -> str:
 def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan | None:
     """Return the part of a mosaic's scan that ``channel`` records; None if ``plan`` is already the channel's plan.
 
-    The latter is assumed if frames are neither as large as the plan's sensor nor cutouts of a sensor with a filter.
+    The plan is taken as the channel's if frames are neither as large as its sensor, nor cutouts of a sensor with a
+    colour filter.
 
     A step that moves the image by one pixel of the mosaic moves it by half a pixel of a Bayer channel. H needs steps of
     whole pixels, so each channel of a Bayer pattern uses a quarter of the positions: those whose image is centred on
@@ -337,12 +338,12 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
 
 
 def _odd(n: int, most: int, step: int) -> int:
-    """Return the odd number of channel pixels that covers ``n`` pixels, or else is within ``most`` pixels."""
+    """Return the smallest odd number of channel pixels that covers ``n`` pixels, limited to ``most`` pixels."""
     return min(-(-n // step) | 1, 2 * ((most - 1) // 2 // step) + 1)
 
 
 def _camera(plan: ScanPlan, phase: tuple[int, int], step: int) -> Any:
-    """Return the camera that the channel forms; its pixels are larger, and its centre is displaced by up to a pixel."""
+    """Return the camera of the channel: its pixels are larger, and the lattice offset refers to their centre."""
     camera, sensor = plan.camera, plan.camera.sensor
     shape = tuple(-(-(n - r0) // step) for n, r0 in zip(sensor.shape, phase, strict=True))
     aside = [
@@ -383,7 +384,7 @@ class ThinnedSource(SourceView):
             )
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames, with the positions of the colour's plan."""
+        """Return the metadata ``known`` without a plan, and with the number of positions of the colour's plan."""
         return replace(known, plan=None, plan_shape=self._scan.plan.shape[:3])
 
     def __len__(self) -> int:

@@ -45,7 +45,7 @@ class SelectedSource(SourceView):
         self._left_out = left_out
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata ``known``, with ``left_out`` set to the frames that the view omits."""
+        """Return the metadata ``known`` with the view's list of damaged frames, ``left_out``."""
         return replace(known, left_out=self._left_out)
 
     def __len__(self) -> int:

@@ -68,7 +68,7 @@ class DescribedSource(SourceView):
     def info(self, index: int) -> FrameInfo:
         """Return the metadata of frame ``index``.
 
-        If the frame shows a single position and states no exposure time, that of the plan is added.
+        If the frame shows a single position and states no exposure time, that of its plane in the plan is added.
         """
         info = self.source.info(index)
         if info.exposure_s is None and len(info.points) == 1 and info.points[0].z < len(self.plan.exposures):
@@ -86,7 +86,7 @@ class DescribedSource(SourceView):
         Raises
         ------
         InputError
-            If the bit depth comes from the plan, and a sample exceeds it.
+            If the bit depth comes from the plan, and a sample exceeds its highest value.
         """
         if not self._filled:
             found = self.source.samples(index, region)

@@ -282,7 +282,7 @@ def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[s
 
 
 def _is_annexed(base: str, path: str) -> bool:
-    """Return whether a file is the content that git-annex keeps for a repository of the folder ``base``."""
+    """Return whether ``path`` is content that git-annex stores in the repository that contains ``base``."""
     repository, mark, _ = path.partition(os.path.join(os.sep, ".git", "annex", "objects", ""))
     return bool(mark) and os.path.commonpath((base, repository)) == repository
 
@@ -478,7 +478,7 @@ def _from_json(path: Path, text: str) -> Manifest:
 
 
 def _named(path: Path, entries: tuple[FrameEntry, ...], expected: dict[str, Any]) -> Manifest:
-    """Return the manifest; errors name the file."""
+    """Return the manifest of ``entries``; error messages start with the name of the file ``path``."""
     try:
         return Manifest(entries, **expected)
     except InputError as error:

@@ -161,7 +161,7 @@ def open_component(opened: Callable[..., T], channel: str) -> T:
     opened
         Function that opens frames.
     channel
-        Name of a colour channel, which becomes ``component``; for ``"each"``, this is green.
+        Name of a colour channel, which is used as ``component``; for ``"each"``, green is used.
 
     Raises
     ------

@@ -128,9 +128,9 @@ ORIENTATIONS: dict[str, Orientation] = {
         ),
     )
 }
-"""Operations that make a delivered frame ``f`` upright: ``"as is"`` f; ``"rot90"`` numpy.rot90(f), a quarter turn
-anticlockwise; ``"rot180"`` numpy.rot90(f, 2); ``"rot270"`` numpy.rot90(f, 3), a quarter turn clockwise. ``"mirror x"``
-f[:, ::-1]; ``"mirror y"`` f[::-1]; ``"transpose"`` f.T; ``"anti-transpose"`` f[::-1, ::-1].T."""
+"""Operations that make a delivered frame ``f`` upright, by name. ``"as is"``: f; ``"rot90"``: numpy.rot90(f), a quarter
+turn anticlockwise; ``"rot180"``: numpy.rot90(f, 2); ``"rot270"``: numpy.rot90(f, 3), a quarter turn clockwise;
+``"mirror x"``: f[:, ::-1]; ``"mirror y"``: f[::-1]; ``"transpose"``: f.T; ``"anti-transpose"``: f[::-1, ::-1].T."""
 
 
 def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:

@@ -208,7 +208,7 @@ class NamePattern:
         Raises
         ------
         InputError
-            If a number is less than ``first``.
+            If a number of the position is less than ``first``.
         """
         match = self.expression.fullmatch(name)
         if match is None:
@@ -261,13 +261,14 @@ class NameGuess:
     Attributes
     ----------
     templates
-        Matching patterns in the form of `lfcal.frames.NamePattern`. There is one if the names are unambiguous, and none
-        if they contain no position. There are several if no words precede the numbers, and the scan shape does not
+        Matching patterns, as templates of `lfcal.frames.NamePattern`. There is one if the names are unambiguous, and
+        none if they contain no position. There are several if no words precede the numbers, and the scan shape does not
         determine which number belongs to which axis.
     numbered
-        Number of names that differ in only one number, so that files may be numbered in scan order; else 0.
+        Number of names of the most frequent form if they differ in only one number; the files may then be numbered in
+        scan order. Otherwise 0.
     fitting, names
-        Number of names of the most frequent form, and number of all names.
+        Number of names of the most frequent form (names that differ only in their numbers), and number of all names.
     """
 
     templates: tuple[str, ...]
@@ -320,7 +321,7 @@ def guess_pattern(names: Sequence[str], plan_shape: Sequence[int] | None = None)
 
 
 def _labels(literals: Sequence[str]) -> dict[int, str]:
-    """Return the axis of each number by the preceding word; a repeated word is ignored."""
+    """Return the axis of each number, by the word before it; numbers whose axis occurs twice are omitted."""
     words = [match[1].lower() if (match := re.search(r"([A-Za-z]+)[-_= .]?$", text)) else "" for text in literals[:-1]]
     short = _PAIR if {"r", "c"} <= set(words) else {}
     found = {k: axis for k, word in enumerate(words) if (axis := _LABELS.get(word) or short.get(word))}

@@ -16,7 +16,7 @@ from lfcal.lattice import WRONG, CameraCheck, CheckLine, LatticeFit, LensTypes
 __all__ = ["TurnedWhite", "compared_orientations", "find_turned_white"]
 
 MAX_LENSLETS = 500
-"""Number of lenslets that are compared."""
+"""Smallest number of lenslets that are compared, if the image has so many; less than twice as many are used."""
 
 CERTAIN_SIGMAS = 5.0
 """Standard errors above which the order of the lens types is certain."""
@@ -77,7 +77,7 @@ class _Compared:
 def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> TurnedWhite | None:
     """Return the orientations in which a white image matches ``camera``.
 
-    The result is None if it matches as delivered and no other orientation is clearly better, or if none matches.
+    The result is None if the image matches as delivered and no other orientation is clearly better, or if none matches.
 
     The comparison uses the order of the lens types, the rotation of the lattice, and its offset unless that is only
     assumed.
@@ -129,7 +129,10 @@ def compared_orientations(check: CameraCheck, camera: Camera) -> tuple[CameraChe
 def _compare(
     camera: Camera, turn: Orientation, places: NDArray[np.float64], kinds: NDArray[np.intp] | None
 ) -> _Compared:
-    """Return the distance of upright positions ``(n, 2)`` (row, column) from the camera's lenslets of their type."""
+    """Return the rms distance of ``places`` from lenslets of their type, and whether the types are in order.
+
+    ``places`` are positions (row, column) after ``turn``, ``(n, 2)`` (px); ``kinds`` are their lens types (None: unknown).
+    """
     lattice = camera.lattice
     at = lattice.lenslet_at(camera.sensor_um(places))
     if camera.marks["lattice.offset_um"] == "assumed":
@@ -154,7 +157,7 @@ def _nearest_of_type(
     camera: Camera,
     basis: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the vector ``(n, 2)`` from the nearest lenslet of the same type (pixels)."""
+    """Return, for each position, the vector from the nearest lenslet of its type, ``(n, 2)`` (px)."""
     steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
     around = near[:, None] + steps
     ways = (at[:, None] - around) @ basis

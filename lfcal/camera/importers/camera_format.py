@@ -188,6 +188,8 @@ def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = 
         If the format is unknown, or an entry is missing or invalid.
     InputError
         If a value of the file or in ``options`` is invalid for a camera.
+    UnsafeFileError
+        If the file is too large, or is XML with a document type or entities.
     StorageError
         If the file cannot be read.
 

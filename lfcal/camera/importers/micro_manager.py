@@ -95,7 +95,7 @@ def _chosen(presets: dict[str, _Preset], name: str, source: Path) -> tuple[float
 
 
 def _take(draft: Draft, specimen_um: float, label: str) -> None:
-    """Set pixel pitch and magnification from the pixel size at the specimen and the label of the objective."""
+    """Set NA, magnification and pixel pitch from the pixel size at the specimen and the label of the objective."""
     if aperture := APERTURE.search(label):
         draft.put("optics.numerical_aperture", float(aperture[1]), "derived")
     match = OBJECTIVE.search(label)

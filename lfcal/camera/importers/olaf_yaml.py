@@ -24,7 +24,7 @@ MOST_ACROSS = 100
 """Largest number of elemental images along a side."""
 
 MAX_CHARACTERS = 1 << 16
-"""Largest size of a file (bytes); real files have 1 kB."""
+"""Largest size of a file (characters); real files have 1 kB."""
 
 ENTRIES = (
     ("M", "optics.magnification"),

@@ -26,7 +26,7 @@ __all__ = ["FORMAT", "entry_of", "float_of", "lens_types", "number_of", "pair_of
 
 ROOT = "RayCalibData"
 MAX_BYTES = 1 << 20
-"""Largest size of a file (bytes); real files have 1.4 kB."""
+"""Largest size of a file (characters); real files have 1.4 kB."""
 
 NOT_APPLIED = (
     "the manufacturer's distortion (Brown) is stored but not applied, because the file states "

@@ -98,7 +98,7 @@ class CorrectedSource(SourceView):
 
         Raises
         ------
-        InputError
+        LfcalError
             If the frame cannot be read or corrected; the message states its name.
         """
         inside = check_region(region or whole(self.shape), self.shape)
@@ -215,8 +215,9 @@ def corrected_noise(
 
     A raw sample r has the variance ``c + s max(r - black, 0)``. The corrected sample is ``v = (r - d) w f - b``. Here d
     is the dark, of variance e; w and f are the factors of the white image and of the exposure, and b is the background.
-    Its variance is ``(w f)^2 (c + s (d - black) + e) + w f s (v + b)``. Only known terms count: e if the number of
-    averaged dark frames is known, and d - black from the median of the dark if the black level is unknown.
+    Its variance is ``(w f)^2 (c + s (d - black) + e) + w f s (v + b)``. The term e is
+    included only if the number of averaged dark frames is known. If the black level is unknown, the median of the dark
+    frame replaces it.
 
     Parameters
     ----------

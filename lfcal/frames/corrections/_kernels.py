@@ -28,11 +28,11 @@ class CorrectionTerms(NamedTuple):
 
 
 PIXEL_S = 3e-9
-"""Additional processor time (s) of numpy per pixel, instead of `correct_rows`."""
+"""Processor time per pixel (s) by which numpy is slower than `correct_rows`."""
 
 
 def correct(raw: NDArray[Any], terms: CorrectionTerms, out: NDArray[np.float32], workers: int | None) -> None:
-    """Correct all rows by `correct_rows`, or by numpy if the kernel is spared; the results are identical."""
+    """Correct all rows by `correct_rows`, or by numpy if compiling it would take longer; the results are identical."""
     if not correct_rows.spared(PIXEL_S * raw.size):
         for_each_chunk(lambda a, b: correct_rows(raw, terms, (0, 0), a, b, out), len(raw), workers)
         return
@@ -130,7 +130,7 @@ def neighbour_of_rank(
 
     ``offsets`` has the shape ``(phases_y, phases_x, n, 2)``: the neighbours of the same colour for each phase of the
     colour filter. At the border, some neighbours are missing. A rank below the middle then selects the lowest of the
-    others and a rank above it the highest, which is the strictest comparison.
+    remaining ones, and a rank above it the highest, which is the strictest comparison.
     """
     rows, columns = image.shape
     py, px, n, _ = offsets.shape

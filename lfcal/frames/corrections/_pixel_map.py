@@ -73,7 +73,7 @@ def frame_map(
 def _marked(
     path: str | os.PathLike[str], what: str, size: tuple[int, int], first: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    """Return the pixels in a list, on ``size`` pixels from ``first`` on; or an image as it is."""
+    """Return a map of shape ``size`` from pixel ``first``, with the listed pixels marked; or the map in an image."""
     if split_dataset(path)[0].suffix.lower() not in LISTS:
         return _image(path, what)
     pixels = _listed(path) - np.array(first)
@@ -102,7 +102,7 @@ def _checked(
 
 
 def _frame_of(source: FrameSource, shape: tuple[int, int] | None) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the shape of all calibration data, and the sensor (row, column) of its first pixel."""
+    """Return the shape of all calibration frames, and the sensor position (row, column) of their first pixel."""
     known = source.metadata
     if known.origin is not None and shape in (None, source.shape):
         return source.shape, (known.origin[0] * known.pixel_step, known.origin[1] * known.pixel_step)
@@ -141,7 +141,7 @@ def _listed(path: str | os.PathLike[str]) -> NDArray[np.int64]:
 
 
 def _image(path: str | os.PathLike[str], what: str) -> NDArray[np.bool_]:
-    """Return where an image is not 0; NaN counts as not 0."""
+    """Return a mask that is True where an image is not 0; NaN counts as not 0."""
     file, dataset = split_dataset(path)
     if file.suffix.lower() == ".npy":
         values: NDArray[Any] = map_npy(file)

@@ -31,7 +31,7 @@ Step: TypeAlias = PixelMask | Dark | DarkSet | White | Defects | Background | Ex
 
 _RANK = {PixelMask: 0, Dark: 1, DarkSet: 1, White: 2, Defects: 3, Background: 4, Exposure: 4}
 _ONCE = ((PixelMask,), (Dark, DarkSet), (White,), (Defects,), (Background,), (Exposure,))
-"""Steps that occur only once in a chain; a dark and a set of darks subtract the same level."""
+"""Groups of steps of which a chain has at most one; a dark and a set of darks subtract the same level."""
 
 _EMPTY = np.zeros((0, 0), np.float32)
 _EMPTY.setflags(write=False)  # read-only like the frames of the steps, so that one compiled kernel serves both
@@ -219,8 +219,8 @@ class CorrectionChain:
         """Return a frame's background for `apply_region`: its level at pixel (0, 0), and slopes per row and per column.
 
         ``read`` is a function that returns the raw pixels of a region of the frame, and ``shape`` is the shape
-        ``(rows, columns)`` of the frame. Only its border is read, or nothing if the background is constant or there is
-        none (zeros). ``exposure_s`` is as in `apply`.
+        ``(rows, columns)`` of the frame. Only its border is read, or nothing if the background is constant. Without a
+        `Background` step, all three values are 0. ``exposure_s`` is as in `apply`.
         """
         background: Background | None = self._find(Background)
         if background is None:
@@ -312,7 +312,7 @@ class CorrectionChain:
         return shape
 
     def _affine(self, plane: Plane, exposure_s: float | None) -> tuple[float, NDArray[np.float64]]:
-        """Return the factor and the plane of the last step of the chain, ``value * factor - plane``."""
+        """Return the factor and the plane ``(3,)`` of background and exposure together: ``value * factor - plane``."""
         factor, offset = 1.0, np.zeros(3)
         for step in self.steps:
             if isinstance(step, Background):

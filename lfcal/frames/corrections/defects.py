@@ -210,7 +210,7 @@ OUTLIERS = 2
 """Number of neighbours that may be defective themselves without hiding a pixel."""
 
 CONTRAST = 0.5
-"""A hot pixel differs from its neighbours by at least this fraction of their difference from the field."""
+"""A hot pixel exceeds its neighbours by at least this fraction of the amount by which they exceed the median."""
 
 PERSISTENCE = 0.5
 """Fraction of the frames in which a hot pixel must stand out; the peak of a spot moves on to other pixels."""
@@ -219,7 +219,7 @@ RESPONSE = 0.1
 """A pixel whose range of values is below this fraction of its neighbours' range does not respond."""
 
 ENCLOSED = 3.0
-"""A dead pixel must be surrounded, in one frame, by light of this many times its own range."""
+"""In one frame, the light around a dead or stuck pixel must be at least this many times the pixel's own range."""
 
 MIN_FRAMES_HOT = 3
 MIN_FRAMES_RESPONSE = 8
@@ -235,14 +235,14 @@ def iter_find_defects(
 ) -> Work[Defects]:
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
-    Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. A pixel
-    is *hot* if its lowest value over the frames exceeds theirs by ``threshold`` robust standard deviations. The excess
-    must also be at least half of the amount by which theirs exceed the median of the lowest values of all pixels. In
-    addition, the pixel must be brighter than its neighbours in half of the frames. A pixel is *dead* or *stuck* if its
-    values vary by less than a tenth of the range of its neighbours, although a spot surrounded it in some frame. A dead
-    pixel remains at the level without light. Dead and stuck pixels are found only in 8 or more frames, and only where
-    spots cover them. Use frames of different positions, or several dark frames: in frames of a single position, spots
-    would look like hot pixels. Frames are read a second time if any pixel is suspect.
+    Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. The
+    lowest value of a *hot* pixel over the frames exceeds their lowest values by ``threshold`` robust standard
+    deviations. It also exceeds them by at least half of the amount by which they exceed the median over all pixels. In
+    addition, a hot pixel is brighter than its neighbours in at least half of the frames. A pixel is *dead* or *stuck*
+    if its values vary by less than a tenth of the range of its neighbours, although a spot surrounded it in some frame.
+    A dead pixel remains at the level without light. Dead and stuck pixels are found only in 8 or more frames, and only
+    where spots cover them. Use frames of different positions, or several dark frames: in frames of a single position,
+    spots would look like hot pixels. Frames are read a second time if any pixel is suspect.
 
     Parameters
     ----------
@@ -251,7 +251,8 @@ def iter_find_defects(
     frames
         Largest number of frames to read, evenly spread over the source.
     threshold
-        Threshold for hot pixels, in robust standard deviations of the differences from neighbours.
+        Threshold for hot pixels, in robust standard deviations of a pixel, which are estimated from the differences
+        between pixels of the same colour.
     ignore
         Mask ``(rows, columns)``, True at pixels that are not examined. None: all pixels are examined.
     workers
@@ -260,7 +261,7 @@ def iter_find_defects(
     Raises
     ------
     InputError
-        If there are fewer than 3 frames, or more than 5 % of the pixels appear defective.
+        If there are fewer than 3 frames, or the defective pixels found cannot be repaired (see `Defects`).
 
     Examples
     --------
@@ -426,7 +427,7 @@ def _sample(values: NDArray[np.float32], most: int = 1_000_000) -> NDArray[np.fl
 
 
 def _noise(low: NDArray[np.float32], step: int, whole_numbers: bool) -> float:
-    """Return the robust standard deviation of a pixel from its neighbour ``step`` away, with a floor."""
+    """Return the robust standard deviation of a pixel, from pixels ``step`` columns apart; it is never 0."""
     some = _sample(low[:, step:] - low[:, :-step])
     # the difference of two pixels has sqrt(2) times the noise of one; integers have at least half a count of rounding
     sigma = 1.4826 * float(np.nanmedian(np.abs(some - np.nanmedian(some)))) / np.sqrt(2) if some.size else 0.0

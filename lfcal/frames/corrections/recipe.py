@@ -164,7 +164,7 @@ def _read_mean(
 ) -> tuple[NDArray[np.float32], int, float | None]:
     """Return the mean of frames, their number (0: they may be means themselves), and the variance of a sample.
 
-    The variance is that between successive frames; None for a single frame.
+    The variance is estimated from successive frames; None for a single frame.
     """
     place = Path(path)
     files = _images(place)
@@ -195,7 +195,7 @@ def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
 
 
 def _check_levels(source: FrameSource, recipe: CorrectionRecipe) -> None:
-    """Raise `InputError` for an impossible sample level; levels of left-aligned samples are shifted with them."""
+    """Raise `InputError` for a level that no sample can reach; levels refer to samples after the shift."""
     if source.dtype.kind != "u":
         return
     most = (1 << (8 * source.dtype.itemsize - recipe.shift)) - 1
@@ -261,7 +261,7 @@ def _defects(
 
 
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
-    """Return the dark of the recipe, that of the recording, or else the black level; None without any."""
+    """Return the dark step from the recipe, the recording, or else the black level; None without any."""
     if recipe.dark and recipe.dark != "none":
         if recipe.black_level is not None:
             got = f"both ({recipe.dark} and {recipe.black_level:g})"
@@ -367,7 +367,7 @@ def _of_channel(source: FrameSource, frame: NDArray[np.float32]) -> NDArray[np.f
 
 
 def _black_level(source: FrameSource) -> float:
-    """Return the black level of camera RAW frames, 0 if there is none."""
+    """Return the black level that the frames state, or 0 if they state none; refuse one that differs by colour."""
     levels = np.atleast_1d(np.asarray(source.metadata.black_level or 0.0, float))
     if np.ptp(levels) > 0:
         raise InputError.expected(

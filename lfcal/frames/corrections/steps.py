@@ -1,4 +1,4 @@
-"""Single corrections of a frame: dark, white (vignetting), exposure and background."""
+"""Single corrections of a frame: mask, dark, white (vignetting), exposure and background."""
 
 from __future__ import annotations
 

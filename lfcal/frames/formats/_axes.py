@@ -28,7 +28,7 @@ def used_axes(shape: Sequence[int]) -> tuple[int, ...]:
 
 
 class FramesLast(ImageFile):
-    """A stack with axes (row, column, frame): the columns of each image are frames.
+    """A stack with axes (row, column, frame): each page of ``stack`` is one row of all frames.
 
     The complete stack is read together with the first frame, because every frame is spread over the whole file.
 

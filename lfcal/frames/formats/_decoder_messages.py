@@ -76,7 +76,7 @@ _CATCH = _Catch()
 
 @contextmanager
 def caught_messages(mark: str = "") -> Iterator[Callable[[], str]]:
-    """Keep messages of decoders off standard error; calling the yielded value returns the first one, or "".
+    """Keep messages of decoders off standard error; afterwards, the yielded function returns the first one, or "".
 
     Threads may decode at the same time; a message counts if it contains ``mark`` (such as the file's name).
     """

@@ -26,9 +26,9 @@ Page = tuple[str, int]
 def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dict[str, Any]:
     """Return the facts that OME-XML ``text`` states about the planes in a file of ``pages`` pages.
 
-    ``TiffData`` (IFD, FirstZ, FirstC, FirstT, PlaneCount, UUID of the file) assigns planes to pages. Only if an image
-    has none, its pages follow each other in ``DimensionOrder``. Missing and unreadable facts are left out, because the
-    images can be used without them.
+    ``TiffData`` (IFD, FirstZ, FirstC, FirstT, PlaneCount, UUID of the file) assigns planes to pages. The pages of an
+    image without ``TiffData`` follow each other in ``DimensionOrder``. Missing and unreadable facts are left out,
+    because the images can be used without them.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dic
 
 @dataclass(slots=True)
 class _Planes:
-    """The planes of an image in ``DimensionOrder``: lengths of the axes, fastest first; element and page of each."""
+    """The planes of an image in ``DimensionOrder``: axes and lengths, fastest first; element and page by plane."""
 
     axes: str
     lengths: tuple[int, ...]
@@ -91,7 +91,7 @@ class _Planes:
         return int(np.prod(self.lengths))
 
     def number(self, element: ElementTree.Element, prefix: str) -> int:
-        """Return the number of the plane whose Z, C and T an element states with ``prefix``, 0 if it has none."""
+        """Return the number of the plane whose Z, C and T an element states with ``prefix``; missing ones are 0."""
         at = [int(element.get(f"{prefix}{axis}", "0")) for axis in self.axes]
         if any(not 0 <= k < n for k, n in zip(at, self.lengths, strict=True)):
             raise ValueError("a plane outside the image")
@@ -119,7 +119,7 @@ def _planes(pixels: ElementTree.Element, samples: int) -> _Planes:
 
 
 class _Files:
-    """File that a ``TiffData`` refers to, by its UUID or its name."""
+    """Names of the files to which ``TiffData`` elements refer by UUID or name."""
 
     def __init__(self, root: ElementTree.Element, images: list[ElementTree.Element], name: str, pages: int) -> None:
         self.pages = pages
@@ -193,8 +193,8 @@ def _of_pages(planes: list[_Planes], pages: int) -> dict[str, Any]:
 def _roi(root: ElementTree.Element) -> tuple[int, int, int, int] | None:
     """Return the region of the camera's sensor that the frames show, if a program stored it.
 
-    OME has no element for it. It is in annotations (``ROI``, as Micro-Manager calls it). It may also be a rectangle of
-    the frames' size that does not begin at their first pixel, so that it cannot be inside them.
+    OME has no element for this region. It may be in an annotation (``ROI``, the name that Micro-Manager uses). It may
+    also be a rectangle of the frames' size that does not begin at their first pixel, and so cannot be inside them.
     """
     for entry in root.iter():
         name = entry.tag.rpartition("}")[2]
@@ -219,7 +219,7 @@ def _roi(root: ElementTree.Element) -> tuple[int, int, int, int] | None:
 
 
 def _modulo(root: ElementTree.Element) -> dict[str, tuple[str, int]]:
-    """Return the secondary axis and its length if annotations split C, T or Z (phases, angles, lifetimes)."""
+    """Return, for each of C, T and Z that annotations split, the secondary axis (such as phase) and its length."""
     found = {}
     for element in root.findall("{*}StructuredAnnotations/{*}XMLAnnotation/{*}Value/{*}Modulo/*"):
         axis, letter = element.tag[-1], {"angle": "A", "phase": "P"}.get(element.get("Type", ""), "Q")

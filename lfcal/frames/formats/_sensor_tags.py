@@ -73,7 +73,7 @@ def needs_raw_reader(page: Any) -> bool:
 
 
 def check_pattern(path: Path, cfa: str) -> None:
-    """Raise `FileFormatError` for an impossible pattern; the greens of a Bayer pattern are on a diagonal."""
+    """Raise `FileFormatError` for an impossible pattern; the greens of a Bayer pattern must be on a diagonal."""
     known = len(cfa) in (0, 4, 16, 36) and set(cfa) <= set("RGBWCMYE")
     if known and len(cfa) == 4 and set(cfa) <= set("RGB"):
         known = sorted(cfa) == ["B", "G", "G", "R"] and "GG" in (cfa[0] + cfa[3], cfa[1] + cfa[2])

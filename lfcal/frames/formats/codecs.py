@@ -41,7 +41,9 @@ def codec_fact(name: str, *, lossless: bool = True) -> dict[str, Any]:
 
 
 def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], *, whole: bool = False) -> str:
-    """Return "lossless " and the name of a TIFF file's compression scheme, after checking that it is lossless.
+    """Return the name of a TIFF file's compression scheme, after checking that it is lossless.
+
+    "lossless " precedes the name of a scheme that may also be lossy.
 
     Parameters
     ----------

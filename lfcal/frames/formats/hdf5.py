@@ -103,7 +103,7 @@ class Hdf5Image(ImageFile):
         self.metadata = metadata
 
     def _written(self, name: str) -> tuple[H5Data, int | None]:
-        """Return a dataset, and the number of frames of a stack that stopped early. None: all of them are there."""
+        """Return a dataset, and the number of frames written to it if it is incomplete. None: all are there."""
         try:
             return self._file.dataset(name), None
         except FileFormatError:

@@ -60,8 +60,8 @@ class ImageFile(ABC):
     pages
         Number of pages.
     metadata
-        Metadata of the pages by name, such as ``cfa``, ``black_level``, ``saturation``, ``gains`` and ``positions``, as
-        in `lfcal.frames.FrameMetadata`.
+        Metadata of the pages by name: fields of `lfcal.frames.FrameMetadata` such as ``cfa`` and ``black_level``, and
+        values of single pages such as ``positions``.
     """
 
     path: Path

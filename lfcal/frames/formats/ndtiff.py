@@ -30,7 +30,7 @@ _BITS = {0: 8, 1: 16, 2: 24, 3: 10, 4: 12, 5: 14, 6: 11}
 
 _STAGE = (("XPosition_um_Intended", "XPositionUm"), ("YPosition_um_Intended", "YPositionUm"))
 _FOCUS = ("ZPosition_um_Intended", "ZPositionUm")
-"""Names of stage coordinates (µm) in the metadata of an image; the first one that is there counts."""
+"""Names of stage coordinates (µm) in the metadata of an image; the first one found is used."""
 
 MOST_METADATA = 1 << 24
 """Largest size of the metadata of an image (bytes)."""
@@ -134,7 +134,7 @@ class NDTiffImage(ImageFile):
         return found
 
     def _said(self, entry: _Entry) -> dict[str, Any]:
-        """Return the metadata of an image; empty if they cannot be read, because the image can be used without."""
+        """Return the metadata of an image; empty if they cannot be read, because the image can be used without them."""
         start, length, compression = entry.numbers[5:]
         if compression or not 0 < length <= MOST_METADATA:
             return {}

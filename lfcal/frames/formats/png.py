@@ -65,9 +65,9 @@ class PngImage(ImageFile):
         return image
 
     def _inflate(self, stream: bytes, data: bytes) -> NDArray[Any]:
-        """Return a grey image: libdeflate takes half the time of the zlib in other decoders.
+        """Return a grey image, decompressed by libdeflate, which takes half the time of zlib in other decoders.
 
-        These decode ``data``, the whole file, as long as `unfilter` need not be compiled.
+        If compiling `unfilter` would take longer than it saves, another decoder reads ``data``, the whole file.
         """
         (rows, columns), size = self.shape, self.dtype.itemsize
         need = rows * (1 + columns * size)
@@ -99,7 +99,7 @@ class PngImage(ImageFile):
         return np.asarray(image)
 
     def _check_chunks(self, data: bytes) -> bytes:
-        """Walk the chunks to IEND and return their deflate stream; a truncated image must not pass as complete."""
+        """Check all chunks up to IEND, and return their deflate stream; raise `FileFormatError` for a damaged file."""
         view, at, parts = memoryview(data), 8, []
         while True:
             if at + 12 > len(data):

@@ -128,7 +128,7 @@ _SUFFIXES = frozenset(
     ".3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .iiq .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .rw2 .rwl .sr2 .srf"
     " .srw .x3f".split()
 )
-"""RAW format, recognised by suffix and tried before TIFF, because most RAW files look like TIFF."""
+"""Suffixes by which camera RAW is recognised; it is tried before TIFF, because most RAW files look like TIFF."""
 
 FORMAT = Format(
     "camera RAW", _SUFFIXES, lambda _, path: path.suffix.lower() in _SUFFIXES, lambda path, *_: RawImage(path), rank=-1

@@ -203,7 +203,7 @@ class TiffImage(ImageFile):
         return count if self.pages == 1 and count > 1 and self._plain(self._first) else 0
 
     def _imagej_line(self) -> tuple[float, float] | None:
-        """Return offset and slope of ImageJ's straight-line calibration, as of "signed 16-bit" files. None: none."""
+        """Return offset and slope of ImageJ's straight-line calibration ("signed 16-bit" files); None without one."""
         known = (self._tiff.imagej_metadata or {}) if self._tiff.is_imagej else {}
         if known.get("cf") != 0 or self._samples != 1 or self._stored.kind != "u":
             return None

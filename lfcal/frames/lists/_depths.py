@@ -47,7 +47,7 @@ class ListedPlanes:
 
 @dataclass(frozen=True)
 class Depths:
-    """The sign of the depth axis, the depth of each plane (µm), and notes, one line each."""
+    """Stage axes with the sign of the depth axis, the depth of each plane (µm), and notes, one line each."""
 
     axes: StageAxes
     depths: tuple[float, ...]
@@ -57,7 +57,7 @@ class Depths:
 def find_depths(
     camera: Camera, axes: StageAxes, planes: ListedPlanes, given: tuple[float, ...] | None = None
 ) -> Depths:
-    """Return the depth of each plane of a list, by rising coordinate, or by number if planes are counted.
+    """Return the depths of a list's planes, from nearest to farthest, or by number if planes are counted.
 
     With a main lens, the step that moves the image by one pixel is longer for planes farther away. If the list has z
     coordinates, their distances are preserved, and the steps determine the zero of the stage. The stated error includes
@@ -220,7 +220,7 @@ def _of_numbers(
 
 
 def with_depths(listing: Listing, depths: tuple[float, ...], axes: StageAxes) -> Listing:
-    """Return a list that numbers its planes, with these depths as coordinates (µm).
+    """Return ``listing``, which numbers its planes, with their ``depths`` as z coordinates (µm).
 
     Raises
     ------

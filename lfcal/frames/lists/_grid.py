@@ -47,7 +47,7 @@ class PlaneGrid:
 
 @dataclass(frozen=True, eq=False)
 class ScanGrid:
-    """All planes of a scan, of rising depth coordinate."""
+    """All planes of a scan, in the order of rising depth coordinate."""
 
     planes: tuple[PlaneGrid, ...]
 
@@ -191,5 +191,5 @@ def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _across(other: NDArray[np.float64], axis: int) -> tuple[float, float]:
-    """Return the step along ``axis`` with the length of that along the other one, and perpendicular to it."""
+    """Return a step along ``axis``, as long as ``other``, the step along the other axis, and perpendicular to it."""
     return (-other[1], other[0]) if axis == 1 else (other[1], -other[0])

@@ -314,7 +314,7 @@ def rounding(values: NDArray[np.float64], step: float) -> float:
 def _rounding_error(
     values: NDArray[np.float64], group: NDArray[np.intp], numbers: NDArray[np.intp], unit: float, step: float
 ) -> tuple[float, float]:
-    """Return the error of a step that rounding to ``unit`` leaves, and the variance within columns in that unit.
+    """Return the error of a step that rounding to ``unit`` leaves, and the variance within columns (in ``unit²``).
 
     The error is 0 if the stage scatters by more than the rounding.
 

@@ -103,7 +103,7 @@ def from_micromanager(
 
 
 def _darks(listing: Listing, root: Path) -> dict[str, Any]:
-    """Return the mean of the dark frames of a list, for the exposure that they have; empty without an exposure."""
+    """Return the mean of a list's dark frames by exposure time; empty if exposures are unknown or differ."""
     from lfcal.frames.corrections import Dark, average_frames
 
     read, times = reader(listing, root), listing.exposures

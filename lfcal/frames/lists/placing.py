@@ -223,7 +223,7 @@ def _positions(
 
 
 def _affine(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the affine ``(k, 3)`` from (1, coordinates) to object space, and its residuals (µm)."""
+    """Return the affine map ``(4, 3)`` from (1, coordinates) to object space, and its residuals (µm)."""
     places = np.where(np.isfinite(listing.places), listing.places, 0.0)
     centred = places - places.mean(axis=0)
     spread = np.ptp(centred, axis=0)
@@ -237,7 +237,7 @@ def _affine(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> tu
 
 
 def _misfit(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> float:
-    """Return the rms residual of the affine, in steps and in distances of planes."""
+    """Return the rms residual of the affine map, in steps and in distances of planes."""
     _, rest = _affine(listing, plan, positions)
     steps = np.array([plan.step_um(z) for z in range(plan.shape[0])])[positions[:, 0]]
     lateral = float((rest[:, 1] ** 2 / steps[:, 0] ** 2 + rest[:, 0] ** 2 / steps[:, 1] ** 2).mean())
@@ -302,7 +302,7 @@ def _lateral_scale(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tu
 
 
 def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tuple[list[str], list[str]]:
-    """Return the unit that was assumed, and the difference of the steps from the plan."""
+    """Return a note on the assumed unit, and one on the difference of the steps from the plan, as lists."""
     scale, unit = _lateral_scale(listing, affine, plan)
     if not scale:
         return [], []
@@ -328,7 +328,7 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
 
 
 def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float64], plan: ScanPlan) -> list[str]:
-    """Return the difference of the list's plane distances from the plan, or raise if it is implausible."""
+    """Return notes on how the list's plane distances differ from the plan, or raise if they are implausible."""
     if len(plan.depths_um) < 2:
         return []
     axis = AXES.index(plan.stage.away[1])

@@ -111,7 +111,7 @@ def _fitted(flats: Sequence[FlatLevel], curve: PhotonTransferCurve) -> list[Flat
 
 
 def _likeness(flats: Sequence[FlatLevel], curve: PhotonTransferCurve) -> tuple[float, float] | None:
-    """Return the correlation of neighbours' differences in the brightest flats that were fitted."""
+    """Return the correlation of neighbours (along columns, along rows) in differences of the brightest fitted flats."""
     levels = _fitted(flats, curve)
     if not levels:
         return None

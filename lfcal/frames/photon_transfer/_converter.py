@@ -32,7 +32,7 @@ class Converter:
     step
         Spacing of sample values after the shift, 0 for floats that are not on a grid.
     used
-        Fraction of the sample values that occur, where the number of samples suffices for all of them.
+        Fraction of the possible sample values that occur, in ranges with enough samples for all of them to occur.
     """
 
     top: float

@@ -20,10 +20,10 @@ ROUNDING_VARIANCE = 0.35
 """Variance of integer samples below which rounding hides the noise."""
 
 BENT = 0.02
-"""Deviation from the line, relative at its upper end, above which the curvature is fitted too."""
+"""Relative deviation of the variance from a line, at its upper end, above which the curvature is fitted too."""
 
 REFUSED = 0.35
-"""Deviation above which the samples are not a linear measure of light."""
+"""Relative deviation above which the samples are not a linear measure of light."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class PhotonTransferCurve:
     refusal: str = ""
 
     def variance(self, signal: ArrayLike) -> NDArray[np.float64]:
-        """Return the fitted variance at ``signal`` above black; needs a slope."""
+        """Return the fitted variance at ``signal`` above black; 0 if the slope is undetermined."""
         x = np.asarray(signal, np.float64)
         slope = 0.0 if self.slope is None else self.slope.value
         fitted: NDArray[np.float64] = np.maximum(self.constant.value + slope * x + self.bend * x**2, 0.0)
@@ -145,7 +145,7 @@ def _fitted(points: TransferPoints, limit: float, whole: bool, saturation: Measu
 def _least_squares(
     x: NDArray[np.float64], y: NDArray[np.float64], n: NDArray[np.float64], terms: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the polynomial fit, its covariance (scaled by the scatter), and chi² per degree of freedom."""
+    """Return the coefficients of a polynomial, their covariance (scaled by the scatter), and chi² per freedom."""
     scale = float(x.max())
     base = np.stack([(x / scale) ** k for k in range(terms)], axis=1)
     floor = max(1e-4 * float(y.max()), 1e-12)
@@ -165,7 +165,7 @@ def _least_squares(
 
 
 def _break(curve: PhotonTransferCurve) -> MeasuredValue | None:
-    """Return the maximum of the variance, if it drops far below the curve beyond it (EMVA: saturation)."""
+    """Return the signal at which the variance drops far below the curve (EMVA: saturation); None if it does not."""
     if curve.refusal or curve.slope is None:
         return None
     x, y = curve.points.x, curve.points.y

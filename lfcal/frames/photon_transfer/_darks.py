@@ -16,7 +16,7 @@ from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 __all__ = ["ROUNDING_VARIANCE", "DarkLevel", "dark_current", "measure_darks", "offset_scatter", "read_noise"]
 
 HOT_SIGMAS = 8.0
-"""Excess over other pixels, in robust standard deviations, above which a pixel is hot."""
+"""Deviation from the median, in robust standard deviations, above which a pixel is hot."""
 
 MAX_ZEROS = 0.01
 """Fraction of samples at zero above which darks are considered clipped."""
@@ -119,7 +119,7 @@ def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) 
 
 
 def _scatter(variances: list[float], value: float, total: int) -> float:
-    """Return the standard error of a mean of variances, by chance and from the scatter between pairs."""
+    """Return the standard error of a mean of variances: by chance, or from the scatter of pairs if that is larger."""
     chance = value * np.sqrt(2 / max(1, total))
     seen = float(np.std(variances, ddof=1)) / np.sqrt(len(variances)) if len(variances) > 2 else 0.0
     return float(max(chance, seen))
@@ -178,10 +178,11 @@ def offset_scatter(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
 
 
 def dark_current(levels: Sequence[DarkLevel], slope: MeasuredValue) -> tuple[MeasuredValue | None, str]:
-    """Return electrons per pixel and second from darks of several exposures, and the method used.
+    """Return the dark current (electrons per pixel and second) from darks of several exposures, and a note or ``""``.
 
-    The method uses the growth of the mean level with exposure, or that of the variance if the camera subtracts its
-    dark signal.
+    It is derived from the growth of the mean level with exposure, or from that of the variance if the camera subtracts
+    its dark signal. The note states the latter, or why the dark current is unknown. ``slope`` is the gain (sample
+    values per electron).
     """
     known = sorted((one for one in levels if one.exposure_s), key=lambda one: one.exposure_s or 0.0)
     if len({one.exposure_s for one in known}) < 2:

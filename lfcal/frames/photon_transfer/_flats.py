@@ -17,7 +17,7 @@ from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 __all__ = ["FlatLevel", "find_dead", "measure_level", "measure_linearity", "measure_prnu", "sorted_levels"]
 
 LEVEL_TOLERANCE = 0.10
-"""Frames whose light differs by less belong to the same level; a pair corrects for the difference."""
+"""Frames whose light differs by at most this fraction may belong to one level; pairs correct for the difference."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,8 @@ class FlatLevel:
     pairs
         Result of each pair.
     lagging
-        Half variance of the difference of first and third frame, divided by that of first and second; None with fewer
-        frames.
+        Variance of the difference between first and third frame, divided by that between first and second; None with
+        fewer than three frames.
     """
 
     exposure_s: float | None
@@ -99,7 +99,7 @@ LINEAR_RANGE = (0.05, 0.95)
 def measure_linearity(
     levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float, dark_rate: float, shortest_s: float
 ) -> tuple[MeasuredValue | None, str]:
-    """Return the largest relative deviation of the signal from a line over exposure, or why it is undetermined.
+    """Return the largest relative deviation of the signal from a line over exposure; or None, and the reason.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def measure_linearity(
     top
         Signal above black at saturation (sample values).
     dark_rate, shortest_s
-        Growth of the dark level (sample values per second) since the exposure of the subtracted dark (s).
+        Growth of the dark level with exposure (sample values per second), and exposure of the subtracted dark (s).
     """
     known = [level for level in levels if level.exposure_s and level.count]
     if len({level.exposure_s for level in known}) < 3:
@@ -161,7 +161,7 @@ STRUCTURED = 0.15
 def measure_prnu(
     level: FlatLevel, curve: PhotonTransferCurve, dark_variance: float, good: NDArray[np.bool_], cfa: str
 ) -> tuple[MeasuredValue | None, str]:
-    """Return the relative rms of the pixels' responses, or why it is undetermined.
+    """Return the relative rms of the pixels' responses; or None, and the reason why it is undetermined.
 
     The light is assumed to be smooth over `BOX` pixels of one colour. The remaining temporal noise in the mean of the
     flats is subtracted (EMVA 1288 release 4, section 8). Micro-images are not smooth: for them the result is unknown.

@@ -30,10 +30,10 @@ STRIP = 1 << 20
 
 MAX_BINS = 48
 MIN_PIXELS = 200
-"""Number of pixels in a bin, which determine a variance to 10 %."""
+"""Smallest number of pixels in a bin; this number determines a variance to 10 %."""
 
 COARSE, LEAST_WIDTH = 4.0, 3.0
-"""Variance of integer samples below which bins have a minimum width, and end between the samples' means."""
+"""Variance of integer samples below which bins have a minimum width and end between possible means; this width."""
 
 CLIP_SIGMA = 6.0
 ROLLING_CHI2 = 3.0
@@ -81,7 +81,7 @@ class FramePair:
     a, b
         The frames ``(rows, columns)``.
     dark
-        Mean dark ``(rows, columns)`` (sample values), subtracted from means.
+        Mean dark ``(rows, columns)`` (sample values), subtracted from both frames.
     bright
         Mean of all flats of this level minus the dark, by which pixels are sorted.
     good
@@ -153,7 +153,7 @@ def _copies(pair: FramePair) -> bool:
 
 
 def _ratios(pair: FramePair) -> tuple[NDArray[np.float64], float]:
-    """Return α of every row ``(rows, 1)``, a single one unless rows scatter beyond chance, and that scatter."""
+    """Return α of every row ``(rows, 1)``, equal unless rows differ beyond chance, and the scatter of their light."""
     rows = pair.a.shape[0]
     if not pair.lit:
         return np.zeros((rows, 1)), 0.0
@@ -184,7 +184,7 @@ def _above(pair: FramePair, part: slice) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def _quick_variance(pair: FramePair, alpha: NDArray[np.float64]) -> float:
-    """Return a robust variance of a typical sample, to choose the width of the bins."""
+    """Return the approximate variance of a sample, to choose the width of the bins."""
     rows = slice(pair.a.shape[0] // 4, max(pair.a.shape[0] // 4 + 8, 3 * pair.a.shape[0] // 4))
     a, b, good = _above(pair, rows)
     d = ((1 - alpha[rows]) * a - (1 + alpha[rows]) * b)[good]

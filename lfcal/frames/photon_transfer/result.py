@@ -25,7 +25,7 @@ VALUES = (
 
 @dataclass(frozen=True)
 class SensorMeasurement:
-    """Sensor properties measured from flats and darks. None: not determined, for the reason that ``notes`` states.
+    """Sensor properties measured from flats and darks. None: not determined, for the reason that ``notes`` state.
 
     Attributes
     ----------

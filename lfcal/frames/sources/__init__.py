@@ -1,7 +1,8 @@
 """Kinds of frame sources, one module per kind; `lfcal.frames.open_frames` selects the kind for a path.
 
 - ``base``: the interface of a kind of source
-- ``folder``: frames in files, listed by a manifest, their names, or their order
+- ``files``: positions of frames in files, from a manifest, their names, or their order
+- ``folder``: frames in the files that a manifest lists
 - ``array``: frames in one array
 """
 

@@ -110,7 +110,7 @@ def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tu
 
 
 def _pixel_notes(options: FrameOptions, facts: dict[str, Any]) -> list[str]:
-    """Return a note if the frames state another pixel size than the camera, on the sensor and in the object."""
+    """Return a note if the pixel size that frames state is neither the sensor's nor that in the object."""
     stated = facts.get("pixel_um")
     if stated is None or options.plan is None:
         return []
@@ -140,7 +140,7 @@ def _bounded(manifest: Manifest, shape: tuple[int, int, int]) -> Manifest:
 
 
 def _table(path: Path, options: FrameOptions) -> Path | None:
-    """Return the stated manifest or list, or ``path`` if it is one, or that in the folder; None without one."""
+    """Return the given manifest or list, or ``path`` if it is one, or the one in the folder; None without one."""
     if options.pattern or options.order:
         return None
     if options.manifest is not None:
@@ -310,7 +310,7 @@ def _of_pages(
     options: FrameOptions,
     shape: tuple[int, int, int] | None,
 ) -> Manifest:
-    """Return the position of each page of one file: from its axes, the given order, or stored positions."""
+    """Return the manifest of the pages of one file; positions come from its axes, the order, or its tables."""
     axes = image.metadata.get("scan_axes")
     if axes is not None:
         scanned, found = _along_axes(path, pages, *axes)

@@ -49,7 +49,7 @@ _OF_PAGES = (
     *("positions", "exposure_s", "scan_axes", "page_order", "order_notes"),
     *("stage_um", "stage_pages", "stage_exposure_s"),
 )
-"""Facts about pages in an image file that the manifest states for frames."""
+"""Metadata of an image file that describe single pages; the manifest states them for each frame instead."""
 
 
 def check_frame(
@@ -209,7 +209,7 @@ class FolderSource(Frames):
             self._mask_fixed()
 
     def _mask_fixed(self) -> None:
-        """Mask the pixels that have no value in any of three frames; without such pixels none is masked."""
+        """Mask the pixels without a finite value in all of three frames, unless most pixels have none."""
         fixed: NDArray[np.bool_] | None = None
         for number in dict.fromkeys((0, len(self) // 2, len(self) - 1)):
             entry = self.manifest.entries[number]
@@ -260,7 +260,7 @@ class FolderSource(Frames):
         return shape, dtype, {**found, "path": str(self.root)}
 
     def _check_kind(self, name: str, image: ImageFile, shape: tuple[int, int], dtype: np.dtype[Any], cfa: str) -> None:
-        """Raise unless ``image`` has the shape, dtype and colour filter of all frames."""
+        """Raise `FileFormatError` unless ``image`` has the shape, dtype and colour filter of all frames."""
         sizes = format_pixels(shape), format_pixels(image.shape)
         for what, wanted, got in (("size", *sizes), ("samples", dtype, image.dtype)):
             if wanted != got:
@@ -307,7 +307,7 @@ class FolderSource(Frames):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """Metadata common to all frames, from the first readable file, the manifest, and the arguments."""
+        """Metadata common to all frames, from the inspected frame, the manifest, and the arguments."""
         return self._metadata
 
     def __len__(self) -> int:
@@ -338,7 +338,7 @@ class FolderSource(Frames):
         return found
 
     def _values(self, index: int, region: Region | None) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-        """Return a frame without NaN, and where it had a value. None: everywhere."""
+        """Return a frame without NaN, and a mask, True at pixels that had a value. None: all."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = self.info(index).label
         with frame_errors(label, entry.position):
