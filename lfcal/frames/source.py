@@ -89,8 +89,8 @@ class FrameInfo:
 class LeftOut(NamedTuple):
     """A damaged frame that was left out.
 
-    ``label`` is its name, ``position`` its scan position (z, y, x), and ``reason`` describes the damage. The position is
-    None for a dark frame or a frame of several points.
+    ``label`` is its name, ``position`` its scan position (z, y, x), and ``reason`` describes the damage. The position
+    is None for a dark frame or a frame of several points.
     """
 
     label: str

@@ -131,7 +131,8 @@ def _compare(
 ) -> _Compared:
     """Return the rms distance of ``places`` from lenslets of their type, and whether the types are in order.
 
-    ``places`` are positions (row, column) after ``turn``, ``(n, 2)`` (px); ``kinds`` are their lens types (None: unknown).
+    ``places`` are positions (row, column) after ``turn``, ``(n, 2)`` (px), and ``kinds`` their lens types. None:
+    unknown.
     """
     lattice = camera.lattice
     at = lattice.lenslet_at(camera.sensor_um(places))

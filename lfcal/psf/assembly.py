@@ -123,7 +123,7 @@ class Assembly:
         self._gatherer = Gatherer(source, infos, cutout, _drift_of(drift, len(source)))
         self._energy = np.full(shape, np.nan)
         self.filled: tuple[int, NDArray[np.float64]] | None = None
-        """The plane being assembled, and the light of all patterns so far, as in `AssemblyProgress`. None: none yet."""
+        """Index of the current plane, and light of the patterns so far, as in `AssemblyProgress`. None: none so far."""
         self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
         self.noise = noise if measured else measure_noise(self._gatherer, self._order, self._counts)
         """Noise of the samples, None if it could not be measured."""
@@ -684,7 +684,7 @@ def planes_of_frames(
 ) -> AssembledPlanes:
     """Return the planes of ``plan`` for a process that assembles units of a run.
 
-    ``values`` is an attribute of `Reopening`; its entries ``settings`` and ``noise`` are used. ``fill`` is as in
+    ``values`` is `Reopening.values`, with the entries ``settings`` and ``noise``. ``fill`` is as in
     `AssembledPlanes`. ``close`` is called to close the frames when the planes are finished.
     """
     given = values["settings"]

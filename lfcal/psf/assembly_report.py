@@ -25,7 +25,7 @@ class AssemblyReport:
     matrix
         The assembled H, opened from its file or in memory.
     frames
-        Number of frames read.
+        Number of recorded frames, without the copies that complete a half-cell scan.
     missing, repeated
         Positions without a frame, and positions with several frames, which were averaged.
     saturated
@@ -42,7 +42,7 @@ class AssemblyReport:
     left_out
         Damaged frames, including dark frames, that were not used.
     orientation
-        Orientation of the recorded frames, which assembly corrected by flipping or turning them: a key of
+        Orientation of the recorded frames, which were turned upright before assembly: a key of
         `lfcal.frames.orientation.ORIENTATIONS`.
 
     Examples

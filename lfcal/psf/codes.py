@@ -143,7 +143,7 @@ def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None =
 
 
 def codes_for(matrix: PSFMatrix) -> tuple[Code, ...]:
-    """Return the codes that can use ``matrix`` unless a position has to be chosen (see `refused_by`)."""
+    """Return the codes that can use ``matrix`` without a chosen position (see `refused_by`)."""
     return tuple(code for code in CODES.values() if refused_by(code, matrix) is None)
 
 

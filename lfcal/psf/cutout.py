@@ -294,7 +294,7 @@ class Gatherer:
     source
         The frames.
     infos
-        Facts about each frame.
+        Metadata of each frame.
     cutout
         The cutout, which moves with the source.
     drift
@@ -383,7 +383,7 @@ class Gatherer:
         return Noise(noise.constant * square, noise.slope * square / weight)
 
     def _moved(self, valid: NDArray[np.bool_], window: Window) -> NDArray[np.bool_]:
-        """Return the mask moved like the values: a sample is valid if no invalid one contributes to it."""
+        """Return the mask moved like the values: a sample is valid if invalid ones contribute less than 5 % to it."""
         entered = self.cutout.resample((~valid).astype(np.float32), window)
         clean: NDArray[np.bool_] = np.abs(entered) < 0.05
         return clean

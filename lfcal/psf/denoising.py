@@ -4,7 +4,7 @@ At a fixed pixel of the sensor, the signal is a smooth function of the position 
 next, a spot moves by a fraction of a pixel under its lenslet. The entries of neighbouring positions for that pixel
 therefore measure nearly the same value. An entry is moved towards their mean as far as noise explains their scatter
 (the adaptive filter of Lee 1980, IEEE Trans. Pattern Anal. Mach. Intell. 2, 165-168, over positions). Where the signal
-itself changes between them, it is not changed. Light is not negative, and neither are the results.
+itself changes between them, the entry is kept. Light is not negative, and neither are the results.
 """
 
 from __future__ import annotations

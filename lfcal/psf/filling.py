@@ -31,4 +31,4 @@ class Filled:
 
 
 Fill = Callable[[int, NDArray[np.float32], Facts], Work[Filled]]
-"""Fills the missing positions of a plane in place: its number, its values ``(ny, nx, nt, ns)``, and its facts."""
+"""Function of a plane's index, values ``(ny, nx, nt, ns)`` and facts that fills missing positions in the values."""

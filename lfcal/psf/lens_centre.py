@@ -172,7 +172,7 @@ def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "near
 
 
 def _rolled(facts: Facts, shift: tuple[int, int]) -> dict[str, NDArray[Any]]:
-    """Return facts of positions ``(nz, ny, nx, …)`` rolled as the positions are; those of planes stay."""
+    """Return the known facts; those of positions ``(nz, ny, nx, …)`` are rolled like the positions."""
     known = facts.known()
     return {name: np.roll(v, shift, (1, 2)) if v.ndim > 1 else v for name, v in known.items()}
 

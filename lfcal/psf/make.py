@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 Zeros = Callable[[], NDArray[np.float32]]
-"""Returns zeros ``(ny, nx, nt, ns)`` for a plane to be computed; the next call may return the same memory again."""
+"""Function that returns zeros ``(ny, nx, nt, ns)`` for a plane; the next call may return the same memory."""
 
 
 @dataclass(frozen=True)

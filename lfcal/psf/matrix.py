@@ -192,7 +192,7 @@ class PSFMatrix:
     def depths(self) -> NDArray[np.float64]:
         """Object depth of each plane, ``(nz,)`` (µm from the working plane, positive away from the camera).
 
-        The plane numbers, from 0, if the depths are unknown.
+        If the depths are unknown, these are the plane numbers, from 0.
         """
         return self._depths if self.knows_depths else np.arange(self._shape[0], dtype=np.float64)
 

@@ -6,8 +6,8 @@ of the position. From one position to the next, the image moves by a pixel, and 
 Fourth differences along both axes of a block of 5 x 5 positions cancel the signal and keep the noise. Where the signal
 is not smooth, at the edges of micro-images, differences along only one axis show it. They are orthogonal to the
 others, so leaving such pixels out causes no bias. The part of a difference explained by the light and its gradient is
-due to the lamp and the stage. The remaining signal grows with its square: the variance is fitted as ``floor + slope m
-+ q m²``, and the last term is dropped.
+due to the lamp and the stage. The contribution of the remaining signal grows with the square of the mean value m:
+the variance is fitted as ``floor + slope m + q m²``, and the last term is dropped.
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ def _values(gatherer: Gatherer, numbers: list[int], middle: int) -> tuple[F8, ND
 
 
 def _fitted(samples: _Samples, floor: float | None) -> tuple[float, float, float] | None:
-    """Return floor, slope and the value of no light; None where the samples do not determine them."""
+    """Return floor, slope and the sample value without light; None if the samples do not determine them."""
     # most pixels of a scan of points are dark
     black = float(np.median(samples.mean[samples.mean <= np.median(samples.mean)]))
     black = 0.0 if abs(black) < 3 * float(np.median(np.abs(samples.difference))) else black

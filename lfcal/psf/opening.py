@@ -181,7 +181,7 @@ def _of_array(values: NDArray[Any], source: Path, notes: list[str]) -> PSFMatrix
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
     """Return notes on how a file of other software was read, such as the order of its axes; one line each.
 
-    The result is empty for an H file. If it was made from such a file, its provenance contains the notes.
+    The result is empty for an H file. The provenance of an H file made from a file of other software contains the notes.
     """
     if matrix.path and Path(matrix.path).suffix.lower() not in FOREIGN:
         return ()
@@ -246,7 +246,7 @@ def _check_format(file: H5File) -> int:
 
 
 def _region_group(file: H5File, region: str) -> str:
-    """Return the group of a region, empty for the one the file opens with."""
+    """Return the group of a region; empty for the default region of the file."""
     _check_format(file)
     own = file.attributes().text("region", "")
     if not region or region == own:

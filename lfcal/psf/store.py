@@ -68,7 +68,7 @@ CHECKSUM_RULE = "CRC-32 over the little-endian CRC-32 of every stored pattern, y
 PLANE_NUMBER = "plane"
 """Unit of depths if none are stated: plane numbers."""
 VALUE_S = 3e-8
-"""Additional processor time (s) per value of rounding by numpy."""
+"""Processor time per value (s) by which rounding by numpy is slower than by a compiled kernel."""
 UNCERTAINTY_DIGITS = 8
 """Binary digits of a stored standard deviation, which is rounded up by 1/128 at most."""
 
@@ -362,8 +362,8 @@ class PSFWriter:
     Raises
     ------
     InputError
-        If an argument is invalid, ``store_tolerance`` is set for HT, or ``dtype`` cannot store a value. If a plane does
-        not have the shape of the matrix, is not finite, is written twice, or is missing at the end.
+        If an argument is invalid, ``store_tolerance`` is set for HT, or ``dtype`` cannot store a value. Also if a
+        plane does not have the shape of the matrix, is not finite, is written twice, or is missing at the end.
     StorageError
         If the disk is full or the file cannot be written.
 
@@ -608,7 +608,7 @@ def _add_rounded_by_numpy(pattern: NDArray[Any], step: float, total: NDArray[np.
 
 
 def _rounded_sums(plane: NDArray[Any], step: float, workers: int | None) -> tuple[NDArray[np.float64], float]:
-    """Return the sum over all positions of a plane in whole steps, and its relative error (L1)."""
+    """Return the sum of a plane, rounded to whole steps, over all positions, and the relative L1 error of the plane."""
     add = _add_rounded_by_numpy if add_rounded.spared(VALUE_S * plane.size) else add_rounded
 
     def rows(start: int, stop: int) -> tuple[NDArray[np.float64], float, float]:
