@@ -10,10 +10,14 @@
 - ``cutout``, ``assembly``, ``_pedestal``: frames to H with the shifting cutout
 - ``picked``: patterns of a few positions, without reading the other frames
 - ``orientation``, ``_spot_path``: orientation of the frames of a scan, from the position of the pattern in some of them
+- ``upright``: check of the orientation that the user states, or choice of the one that is found
+- ``measured_noise``, ``denoising``: noise of the frames, and its reduction in patterns
+- ``filling``, ``half_cell``, ``light``: missing, copied and dark positions; ``voxels``: sizes of pixels and voxels
+- ``provenance``: facts about frames, simulation and quality from the provenance of H
 - ``_transpose``: HT, a single slice of it, and depth-plane sums
 - ``_verify``: check that a file has not changed
 - ``aperture``: the shape of the iris (see `lfcal.judge` for the quality of H)
-- ``_export``, ``_matlab``, ``lens_centre``, ``_tiff_export``: export H to other programs
+- ``_export``, ``codes``, ``_matlab``, ``lens_centre``, ``_tiff_export``: export H to other programs
 - ``mat_import``, ``_rearranged``, ``_lfc_import``, ``_plain_pickle``: import H from other programs
 """
 

@@ -28,7 +28,7 @@ _BATCH_BYTES = 1 << 19  # chunks are handed to threads in batches of about this 
 def chunk_pipeline(dataset: Any) -> tuple[str, ...] | None:
     """Return the filters of an h5py dataset in order, or None if this module cannot compress its chunks.
 
-    It handles chunks ``(1, 1, 1, nt, ns)`` over whole cutouts with any of shuffle, deflate and fletcher32.
+    The module handles chunks ``(1, 1, 1, nt, ns)`` over whole cutouts with any of shuffle, deflate and fletcher32.
     """
     if not _one_pattern_each(dataset.shape, dataset.chunks):
         return None
@@ -77,7 +77,7 @@ def parallel_write(
     dataset
         Open h5py dataset ``(nz, ny, nx, nt, ns)``.
     z
-        Depth plane.
+        Index of the depth plane.
     plane
         Its values ``(ny, nx, nt, ns)``, in a dtype that converts to the dataset's dtype without loss.
     convert
@@ -143,7 +143,7 @@ def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, work
     data
         ``(nz, ny, nx, nt, ns)``.
     z
-        Depth plane.
+        Index of the depth plane.
     out
         Array to fill, ``(ny, nx, nt, ns)``.
     workers

@@ -256,16 +256,16 @@ def iter_export(
 
     The suffixes are ``.h5`` (H file), ``.mat`` (MATLAB v7.3 with H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre),
     ``.npy``, ``.npz`` (H, Ht), and ``.tif`` (hyperstacks). With ``code``, the file is written in the form that this
-    program reads. `ExportOptions` describes the options, and `export_notes` the conventions that differ in other
+    code reads. `ExportOptions` describes the options, and `export_notes` the conventions that differ in other
     programs. With ``run``, the planes of a matrix opened from a file are written as units of a run; finished planes are
-    kept if it is stopped. TIFF files cannot be written in this way.
+    kept if it is stopped. TIFF and ``.npz`` files, and ``.mat`` files for oLaF, are always written without units.
 
     Raises
     ------
     InputError
-        If the suffix is unknown, or its format does not use an option. If positions are missing that the format cannot
-        mark (without ``allow_missing``). If ``code`` cannot use this H, or a ``run`` is given for a matrix without a
-        file.
+        If the suffix is unknown, or its format does not use an option. Also if positions are missing that the format
+        cannot mark (without ``allow_missing``), ``code`` cannot use this H, or a ``run`` is given for a matrix without
+        a file.
     StorageError
         If the file cannot be written; with a ``run``, as in `lfcal.work.iter_made`.
 
@@ -416,14 +416,14 @@ def _iter_joined(parts: Sequence[Path], *, matrix: PSFMatrix, target: Path, opti
 
 
 def _read(part: Path) -> NDArray[Any]:
-    """Return the plane of a part that is stored plainly."""
+    """Return the plane in the file ``part`` that a unit wrote."""
     with H5File(part) as file:
         plane: NDArray[Any] = file.dataset(PLANE).read()[0]
         return plane
 
 
 def _take(part: Path, data: Any, z: int) -> tuple[int, int]:
-    """Copy the plane of a part into an open dataset, as it is stored; return its crop."""
+    """Copy the plane in a unit's file ``part`` to plane ``z`` of an open dataset, as it is stored; return its crop."""
     with H5File(part) as file:
         stored = file.dataset(PLANE)
         if data.chunks:

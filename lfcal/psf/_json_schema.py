@@ -129,7 +129,7 @@ def _words(schema: Schema) -> str:
 
 
 def _sizes_fault(what: str, sizes: list[int], wanted: list[str | int], names: dict[str, int]) -> str:
-    """Return the deviation of ``sizes`` in words, empty if there is none; names without a size get theirs from here."""
+    """Return the deviation of ``sizes`` in words, empty if there is none; they define names that have no size yet."""
     reported = f"({', '.join(map(str, wanted))})"
     if len(sizes) != len(wanted):
         return f"expected {what} {reported}, got {tuple(sizes)}"

@@ -128,7 +128,7 @@ def _copy_vector(builder: Any, here: Any, there: Any, lanes: int, size: int) -> 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _stream(_: Any, source: Any, start: Any, out: Any, at: Any, count: Any) -> Any:
-    """Copy ``count`` values, whole cache lines of them, past the caches; ``out[at]`` must begin one."""
+    """Copy the whole cache lines in ``count`` values past the caches; ``out[at]`` must begin a cache line."""
 
     def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         here, there = (_place(context, builder, signature, arguments, k) for k in (0, 2))
@@ -179,7 +179,7 @@ def _fence(_: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _address(_: Any, array: Any) -> Any:
-    """Return the address of ``array[0]`` in elements, within its cache line."""
+    """Return the offset of ``array[0]`` in its cache line, in elements."""
 
     def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = builder.ptrtoint(_data(context, builder, signature.args[0], arguments[0]), _I64)

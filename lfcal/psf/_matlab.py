@@ -116,7 +116,7 @@ class MatOptions:
 
 
 StoreMatPlane = Callable[[str, int, Any], tuple[int, int]]
-"""Writes plane ``z`` of ``H`` or ``Ht`` into its open dataset; returns its `crop_index`."""
+"""Function of a name (``H`` or ``Ht``), z and a dataset that writes the plane to it and returns its `crop_index`."""
 
 
 def iter_write_mat(
@@ -211,7 +211,7 @@ def mat_plane(written: PSFMatrix, options: MatOptions, name: str, z: int) -> tup
 
 
 def create_mat_data(file: Any, name: str, matrix: PSFMatrix, options: MatOptions, planes: int | None = None) -> Any:
-    """Make the dataset of ``H`` or ``Ht``, or one of ``planes`` planes that are stored in the same way."""
+    """Return a new dataset for ``H`` or ``Ht``, or one for only ``planes`` planes, stored in the same way."""
     # HDF5's row-major (z, y, x, t, s) is MATLAB's column-major (s, t, x, y, z), so no axes need to be moved
     shape = (planes or len(matrix), *matrix.shape[1:])
     if options.rows_first:

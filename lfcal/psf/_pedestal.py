@@ -35,7 +35,7 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
     """Return the constant level of some frames (sample values), its fraction of their cutouts' light, and a flag.
 
     The flag is true if the level was measured outside the light of the point. A negative level has a negative fraction.
-    A level with more light than the pattern has an infinite fraction.
+    The fraction is infinite, with the sign of the level, if the cutouts contain no light in total.
 
     On whole sensor frames, the level is measured outside the cutout, where the point sends no light. If frames are
     cutouts, there is no such area. The level is then that of the darkest block of their mean, which is too high if a
@@ -65,7 +65,7 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
 def _level(around: NDArray[np.float64]) -> tuple[float, float]:
     """Return the level of samples, few of which are lit, and its standard error.
 
-    The level is the mean of the samples near the median. The median itself is a whole number.
+    The level is the mean of the samples near the median, because the median of integers is a whole number.
     """
     middle = float(np.median(around))
     away = np.abs(around - middle)

@@ -90,7 +90,7 @@ def _text(value: Any, *_: Any) -> Any:
 
 
 class _Refused(Exception):
-    """A pickle requests something other than numbers."""
+    """Error raised if a pickle requests something other than numbers."""
 
 
 def _buffered(data: Any = b"", kind: Any = None, shape: Any = (), order: Any = "C") -> _Array:

@@ -78,7 +78,7 @@ class ArrayPlanes:
 
 
 class FilePlanes(ArrayPlanes):
-    """Planes of a memory-mapped file of which only the shape is known."""
+    """Planes of an array or memory map from a file, whose values are checked when they are read."""
 
     def __init__(self, array: NDArray[Any], path: Path) -> None:
         super().__init__(array)
@@ -235,7 +235,7 @@ class TransposedPlanes:
 
 
 class ScaledPlanes:
-    """Planes stored as integers: value = stored * scale[z] + offset[z], as float32."""
+    """Planes with the values stored * scale[z] + offset[z], as float32."""
 
     def __init__(self, base: Planes, scale: NDArray[np.float64], offset: NDArray[np.float64]) -> None:
         self.base, self.scale, self.offset = base, scale, offset

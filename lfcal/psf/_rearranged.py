@@ -59,8 +59,8 @@ class PlacedPlanes:
     windows
         Window of each plane. None: whole patterns.
     swapped
-        Whether rows and columns of positions and of pixels are exchanged: base is then ``(nz, nx, ny, ns, nt)``, as
-        are its windows.
+        Whether rows and columns of positions and of pixels are exchanged: ``base`` is then ``(nz, nx, ny, ns, nt)``,
+        and ``windows`` refer to its last two axes.
     """
 
     def __init__(
@@ -96,7 +96,8 @@ class PlacedPlanes:
 class MirroredPlanes:
     """A matrix whose file contains the first half of the positions along each axis; the others are mirror images.
 
-    ``H[z, ny - 1 - y, x, t, s] = H[z, y, x, nt - 1 - t, s]``, and the same for x and s; ny = 2 rows - 1.
+    ``H[z, ny - 1 - y, x, t, s] = H[z, y, x, nt - 1 - t, s]`` and ``H[z, y, nx - 1 - x, t, s] = H[z, y, x, t, ns - 1 -
+    s]``, with ``ny = 2 rows - 1`` and ``nx = 2 columns - 1``.
     """
 
     def __init__(self, base: Planes) -> None:

@@ -36,7 +36,7 @@ class SpotPath:
     indices
         Indices of frames in which light was found ``(n,)``.
     positions
-        Their scan positions ``(n, 3)`` as (z, y, x).
+        Scan positions of these frames ``(n, 3)`` as (z, y, x).
     seen
         Centroids of the pattern ``(n, 2)`` as (row, column) on the sensor, in frames as delivered (pixels).
     looked

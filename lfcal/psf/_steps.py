@@ -1,8 +1,9 @@
 """Patterns in whole steps, with a separate step for each, as they are stored in an H file with a tolerance.
 
-A pattern loses the light outside its plane's window, and the rounding of its values to whole steps. Both are measured
-on the values as read back, as fractions (L1) of the pattern. An image is a sum of patterns. Therefore, for any
-non-negative g, |(H - Hs) g|_1 is at most the largest fraction times the sum of g_v |H_v|_1 over all voxels v.
+Two errors arise in a pattern: the light outside its plane's window is dropped, and values are rounded to whole steps.
+Both are measured on the values as read back, as fractions (L1) of the pattern. An image is a sum of patterns.
+Therefore, for any non-negative g, |(H - Hs) g|_1 is at most the largest fraction times the sum of g_v |H_v|_1 over all
+voxels v.
 `lfcal.reconstruct.Projector` defines its tolerance in the same way.
 """
 
@@ -237,9 +238,9 @@ def _of_few_digits(pattern: NDArray[np.float64], window: tuple[int, int, int, in
 
 
 def step_of_range(low: float, high: float) -> float:
-    """Return the power of two that leaves at least 65535 steps between ``low`` and ``high`` (0 included); 0: none.
+    """Return the largest power of two that leaves 65535 steps between ``low`` and ``high`` (0 included); else 0.
 
-    The mean rounding error is a quarter of it; whole numbers up to 65535 are not rounded at all.
+    The mean rounding error is a quarter of this step; whole numbers up to 65535 are not rounded at all.
     """
     spread = max(high, 0.0) - min(low, 0.0)
     return 2.0 ** math.floor(math.log2(spread / MOST)) if spread / MOST >= LEAST_STEP else 0.0

@@ -33,7 +33,7 @@ class DamagedPlane:
     region
         Region of the field; empty if there is only one.
     z
-        Depth plane.
+        Index of the depth plane.
     what
         ``"damaged"``: patterns cannot be decoded. ``"changed"``: all patterns can be decoded, but their checksum
         differs. ``"not finite"``: there are NaN or infinite values. ``"depth sum changed"``: the stored depth-plane sum

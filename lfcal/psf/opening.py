@@ -181,7 +181,8 @@ def _of_array(values: NDArray[Any], source: Path, notes: list[str]) -> PSFMatrix
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
     """Return notes on how a file of other software was read, such as the order of its axes; one line each.
 
-    The result is empty for an H file. The provenance of an H file made from a file of other software contains the notes.
+    The result is empty for an H file. If the H file was made from a file of other software, its provenance contains the
+    notes.
     """
     if matrix.path and Path(matrix.path).suffix.lower() not in FOREIGN:
         return ()

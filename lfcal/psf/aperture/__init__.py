@@ -9,6 +9,7 @@
 - ``_edge``: harmonics of the edge with their errors, including those of residual structure, and their blur
 - ``_compare``: least-squares fits of every shape to the harmonics
 - ``_verdict``: choice of the shape by likelihood ratios
+- ``_size``: area of the outline, from all its light
 - ``fit``: `fit_aperture`, and its reasons for refusal
 - ``iris``: one iris from all planes
 - ``expected``: the aperture expected from a camera's description

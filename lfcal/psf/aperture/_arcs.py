@@ -101,8 +101,8 @@ class Arcs:
         Displaced blade, numbered from the first vertex (-1: none), and its outward displacement as a fraction of the
         apothem.
     rim
-        A second rim: direction of its nearest point (rad), distance of that point, and curvature of the rim, both in
-        units of the apothem; None without one.
+        A second rim: direction of its nearest point (rad), distance of that point divided by the apothem, and curvature
+        of the rim times the apothem; None without one.
     stretch, shear
         Stretch of the outline, see `arcs_radius`.
     """

@@ -231,7 +231,7 @@ class _Slope:
 
 @dataclass(frozen=True, slots=True)
 class _Rings:
-    """The lit half of the sum along a ray: distances, their weights, and where the first ring ends (pixels)."""
+    """The lit half of the sum along a ray: distances, their weights, and distance of the first ring from the edge."""
 
     away: Values
     weight: Values

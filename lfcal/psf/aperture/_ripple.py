@@ -20,7 +20,7 @@ __all__ = ["Ripple", "find_ripple"]
 Values = NDArray[np.float64]
 
 MOST = 12
-"""Number of waves that are searched for; a hexagonal lattice has three, each with harmonics."""
+"""Largest number of waves that are searched for; a hexagonal lattice has three, each with harmonics."""
 
 CHANCE = 16.0
 """Smallest power of a wave over the mean of the noise; noise alone exceeds it in one of ``exp(16)`` places."""

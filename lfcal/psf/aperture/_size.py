@@ -109,7 +109,7 @@ def _border(image: Values) -> Values:
 def _light(
     flat: Values, lit: NDArray[np.bool_], within: NDArray[np.bool_], shades: tuple[Values, ...]
 ) -> tuple[float, float]:
-    """Return the light of the pixels ``within`` over the level of those ``lit``, and its variance (pixels squared)."""
+    """Return the light of the pixels ``within`` divided by the level of those ``lit``, and its variance (pixels²)."""
     terms = np.stack([np.ones(flat.shape), *(np.clip(shade, -1.3, 1.3) for shade in shades)], -1)
     at = terms[lit]
     inverse = np.linalg.inv(at.T @ at)

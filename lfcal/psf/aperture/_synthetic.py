@@ -67,8 +67,8 @@ class IrisFault:
     stuck, out
         Displaced blade, counted from the first vertex, and its outward displacement as a fraction of the apothem.
     rim
-        Direction (rad) of the nearest point of a second rim, its distance from the centre and its curvature, both in
-        units of the apothem.
+        Direction (rad) of the nearest point of a second rim, its distance from the centre divided by the apothem, and
+        the curvature of the rim times the apothem.
     obstructed
         Radius of a dark disc halfway to the edge, as a fraction of the apothem.
     central

@@ -21,7 +21,7 @@ TRIALS = 200
 """Number of shapes (counts, rotations, curvatures, blades) that noise could be mistaken for."""
 
 CERTAIN = 2 * math.log(TRIALS / FALSE_ALARM)
-"""Smallest difference of a shape's chi-square to every other: twice the logarithm of the likelihood ratio."""
+"""Smallest difference in chi-square between a shape and any other: twice the logarithm of the likelihood ratio."""
 
 WHICH = 2 * math.log(5 / 1e-3)
 """Smallest difference for a stuck blade: to neighbouring blades, opposite blades, and another count."""
@@ -170,7 +170,7 @@ def _with_faults(fits: _Fits, *, always: bool = False) -> _Fits:
 
 
 def _chosen(fits: _Fits) -> tuple[str, OutlineFit, float]:
-    """Return kind, fit and margin: the simplest shape that no richer one beats."""
+    """Return kind, fit and margin of the simplest shape that no more complex shape beats."""
     unit = fits.unit
     iris, next_iris = fits.regular[0], fits.regular[1]
     simple = iris if fits.gain > DOUBT * unit else fits.round
