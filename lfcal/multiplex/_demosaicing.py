@@ -72,14 +72,14 @@ LEAST_LEVEL = 0.05
 """Smallest assumed variation of a colour, relative to that of the strongest."""
 
 LEAST_WEIGHT = 0.004
-"""Weights below this are omitted: two fifths for a Bayer pattern, with a loss below 0.01 dB on photographs."""
+"""Smaller weights (in magnitude) are omitted: for a Bayer pattern two fifths, with a loss below 0.01 dB."""
 
 LEAST_REACH = (3, 4)
 """Smallest reach (pixels) of one estimate, and of two that are compared; wider windows gain nothing."""
 
 
 def reach_of(modulator: Modulator, estimates: int) -> int:
-    """Return how far away pixels are used for an estimate (pixels): at least one super-pixel."""
+    """Return the reach of an estimate's window on each side (pixels); the window contains a whole super-pixel."""
     return max(LEAST_REACH[estimates - 1], -(-max(modulator.side) // 2))
 
 
@@ -181,7 +181,7 @@ def _windows(modulator: Modulator, reach: int) -> Array:
 
 
 def _unbiased(covariance: Array, cross: Array, seen: Array) -> Array:
-    """Return the W of least error for which W seen = identity, as far as the rank of ``seen`` allows."""
+    """Return the matrix W of least error with W seen = identity, as far as the rank of ``seen`` allows."""
     n = seen.shape[1]
     solved = np.linalg.solve(covariance, np.hstack([cross.T, seen]))
     free, by_seen = solved[:, :n].T, solved[:, n:]

@@ -140,7 +140,7 @@ def display_frames(
         Number of rows and columns of the display.
     repeat
         Distance (down, across) at which the block of points is repeated, in the units of ``places``. Choose it so large
-        that the patterns of different blocks do not overlap on the sensor, which is not checked. The display shows as
+        that the patterns of different blocks do not overlap on the sensor; this is not checked. The display shows as
         many blocks as fit, all with the same code. None: a single block.
 
     Raises

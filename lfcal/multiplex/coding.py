@@ -453,7 +453,7 @@ def coding_pays(
 
 
 def _break_even(overlap: _Overlap, noise: SensorNoise) -> float:
-    """Return the signal (electrons) at which the rms gain at equal exposure is 0 dB."""
+    """Return the signal (electrons) with an rms gain of 0 dB at equal exposure; 0: never better, inf: always better."""
 
     def pays(signal: float) -> bool:
         single, coded = overlap.variances(noise, overlap.signals(noise, signal, "time"))

@@ -27,7 +27,7 @@ RIGHT = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
 PICTURED = ("Bayer", "X-Trans", "MURA:11", "sum_of_sinusoids:11", "lenslet:3*Bayer")
 
 SIDE = 11
-"""Super-pixel of figure 6."""
+"""Side of the super-pixel in figure 6 (pixels)."""
 
 
 def figure_files(folder: Path) -> list[Path]:

@@ -30,7 +30,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 REACH = 2.5
-"""Width of the triangular weights that fill missing super-pixels from their neighbours (super-pixels)."""
+"""Half width of the triangular weights that fill missing super-pixels from their neighbours (super-pixels)."""
 
 NOTHING = 1e-12
 VALUES_AT_ONCE = 2_000_000
@@ -139,7 +139,7 @@ def _hats(shape: tuple[int, int]) -> Any:
 
 
 def _weighed(source: _Source, offset: Array, part: slice) -> _Pixels:
-    """Return the fractions ``h sqrt(w) / sum h w`` of pixels in a channel; the sum of their squares is its variance."""
+    """Return the fractions ``h sqrt(w) / sum h w`` of pixels in a channel; the sum of squares is the variance."""
     from scipy.sparse import diags_array
 
     near, wide = source.near[part], source.wide[part]
@@ -235,7 +235,7 @@ def lattice_channels(
         Weight of each pixel, ``(rows, columns)``: its inverse variance, or 0 for saturated and dead pixels
         (`pixel_weights`). ``filter`` must then be ``"linear"``. `lattice_channels_weighted` also returns the noise.
     out
-        Array to fill, ``(down, across, rows, columns)``, float32 or float64, which is also returned. None: a new array.
+        Array to fill, ``(down, across, rows, columns)``, float32 or float64; it is also returned. None: a new array.
     workers
         Number of threads; not used with ``weights``. None: one for each available CPU core.
 

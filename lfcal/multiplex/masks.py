@@ -40,9 +40,9 @@ def mask(kind: str, size: int) -> Modulator:
 
     Attenuation masks are assumed to be at the distance from the sensor at which their shadow moves by one pixel per
     view. The matrix A (`Modulator.matrix`) is then the circulant matrix of the mask pattern, with Sigma = F^-1 M-hat
-    and Pi^T = F. Here F is the discrete Fourier transform, and M-hat that of the pattern (eq. 9). For the pinhole, A is
-    the identity. For the lenslet, A is N times the identity for N views, because a lenslet collects the light of the
-    entire super-pixel for each view.
+    and Pi^T = F. Here F is the discrete Fourier transform, and M-hat the transform of the pattern (eq. 9). For the
+    pinhole, A is the identity. For the lenslet, A is N times the identity for N views, because a lenslet collects the
+    light of the entire super-pixel for each view.
 
     Parameters
     ----------
@@ -152,10 +152,10 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     shift. The mask consists of cells as large as a pixel. The transmission of a pixel for a view is the mean of the
     shadow over the pixel and over the directions of the view. Transmissions therefore remain within the range of the
     mask's values. For any shift, the light of each view summed over a super-pixel equals the light that passes one
-    period of the mask. Sigma = F^-1 M-hat, with the discrete Fourier transform F and that of the pattern M-hat. Pi^T
-    contains the Fourier transform of a shifted cell for each frequency w and view v. For integer shifts and views
-    without angular extent, this is exp(-2 pi i s v w), which is the Fourier basis if s = 1. With s = 0 (mask on the
-    sensor), all views pass the same mask, and only their sum can be recovered.
+    period of the mask. Sigma is F^-1 M-hat, with the discrete Fourier transform F and the transform M-hat of the
+    pattern. Pi^T contains the Fourier transform of a shifted cell for each frequency w and view v. For integer shifts
+    and views without angular extent, this is exp(-2 pi i s v w), which is the Fourier basis if s = 1. With s = 0 (mask
+    on the sensor), all views pass the same mask, and only their sum can be recovered.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ MAX_EXHAUSTIVE = 4
 
 
 def noise_shares(chi2: float) -> tuple[float, float]:
-    """Return the fraction of the noise variance that is due to additive noise, and that due to photon noise.
+    """Return the fractions of the noise variance that are due to additive noise and to photon noise.
 
     ``chi2``, 0 to inf, is the variance of photon noise divided by that of additive noise.
     """

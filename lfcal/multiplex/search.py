@@ -328,7 +328,7 @@ def iter_mask_frontier(
     chi2
         Ratio chi^2 of photon to additive noise variance of the camera; one mask is searched for at this value.
     points
-        Number of other values of chi^2 for each of which a mask is searched, including 0 and infinity; at least 2.
+        Number of other values of chi^2, including 0 and infinity; a mask is searched for at each of them. At least 2.
     starts, rng
         As in `best_mask`.
 

@@ -392,8 +392,8 @@ def iter_error_bars(
         Label of every voxel, ``(nz, Y, X)`` or ``(Y, X)`` for all planes: positive integers inside regions, else 0.
     imaging
         Function that draws an H from its uncertainty with a random generator, and returns a projector of it, of which
-        only ``forward`` is used. It is called for each replicate, which this H images. None: ``P`` images all
-        replicates.
+        only ``forward`` is used. It is called for each replicate, and the drawn H images this replicate. None: ``P``
+        images all replicates.
 
     Raises
     ------

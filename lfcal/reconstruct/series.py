@@ -31,7 +31,7 @@ class FrameResult:
     seconds
         Duration, including reading and writing (s).
     notes
-        Notes on how the frame was changed before its reconstruction.
+        Remarks of the solver, as in `Reconstruction`.
     stopped
         Reason why the solver stopped early; empty if all iterations were done.
     failed

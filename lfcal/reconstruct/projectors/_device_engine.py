@@ -95,7 +95,7 @@ class DeviceEngine(ABC):
         return operand.nbytes
 
     def forward(self, planes: Iterable[tuple[DeviceOperand, NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of pairs (operand, volume plane)."""
+        """Return the image of a volume, given as pairs (operand, volume plane)."""
         total: Any = None
         with self.device.active():
             for operand, plane in planes:

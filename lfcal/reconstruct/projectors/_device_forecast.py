@@ -81,7 +81,7 @@ def device_rates(device: ArrayDevice, dtype: str) -> DeviceRates:
 
 
 def _rate(device: ArrayDevice, make: Callable[[int], Callable[[], Any]], amount: Callable[[int], int]) -> float:
-    """Return ``amount`` per second at the size, doubled from 128, that takes some milliseconds."""
+    """Return ``amount`` per second, at a size that is doubled from 128 until a run takes more than 2 ms."""
     side = 128
     while True:
         run = make(side)

@@ -61,7 +61,7 @@ class DevicePolyphase(DeviceEngine):
         return (self.host.prepare(plane),), None
 
     def add(self, total: list[Any] | None, operand: DeviceOperand, plane: Any) -> list[Any]:
-        """Return the image's spectra ``(fx, fy, tiles, phases)`` of all bands."""
+        """Return ``total`` plus the image's spectra for a volume plane, ``(fx, fy, tiles, phases)`` for each band."""
         cells, (spectra,) = self._cells(plane), operand.arrays
         found = [] if total is None else total
         for k, band in enumerate(self.bands):

@@ -36,7 +36,7 @@ WINDOW_BYTES = 1 << 21
 """Size of the window buffer of a product (bytes), about that of the second-level cache."""
 
 CELLS, SOURCES = 256, 200
-"""Smallest number of lattice cells and of sources in a product, if there are as many (measured)."""
+"""Smallest number of lattice cells and of sources in a product, if there are that many (measured)."""
 
 LEAST_RAMP = 4
 """Number of window rows below which a separate product costs more than it saves."""
@@ -133,7 +133,7 @@ class Direct:
         return int(base.nbytes)
 
     def forward(self, planes: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of pairs (operand, volume plane)."""
+        """Return the image of a volume, given as pairs (operand, volume plane)."""
         total = np.zeros(self.grid.image_shape, self.dtype)
         for operand, plane in planes:
             total += self.image_of(operand, self._by_row_phase(self.grid.pack(plane, self.dtype)))
@@ -275,7 +275,7 @@ class Direct:
             yield rows, slice(own.start * len(at_x), own.stop * len(at_x)), band
 
     def _row_runs(self, height: int, first: int, step: int, ramp: int) -> Iterator[slice]:
-        """Yield runs of at most ``step`` window rows that fall onto selected image phases, row 0 onto ``first``.
+        """Yield runs of at most ``step`` window rows with selected image phases; row 0 has phase ``first``.
 
         The first and the last ``ramp`` rows are not reached by all rows of sources; a run ends in the middle of each.
         """

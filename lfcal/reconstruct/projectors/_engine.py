@@ -24,11 +24,11 @@ class Cost:
     prepare_s, forward_s, adjoint_s
         Time to prepare all planes, to project the entire volume, and to back-project an image (s).
     operand_bytes
-        Memory of all prepared planes.
+        Memory of all prepared planes (bytes).
     scratch_bytes
-        Working memory of one projection, without its result.
+        Working memory of one projection, without its result (bytes).
     prepare_bytes
-        Working memory while a plane of H is read and prepared, without the operand.
+        Working memory while a plane of H is read and prepared, without the operand (bytes).
     resident
         Whether all prepared planes are stored; otherwise they are prepared again in every projection, and the times
         include this.
@@ -109,7 +109,7 @@ class Engine(Protocol):
         ...
 
     def forward(self, planes: Iterable[tuple[Any, NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of pairs (operand, volume plane)."""
+        """Return the image of a volume, given as pairs (operand, volume plane)."""
         ...
 
     def adjoint(self, image: NDArray[Any], operands: Iterable[Any]) -> Iterator[NDArray[Any]]:

@@ -24,7 +24,7 @@ class PlaneReader:
     Attributes
     ----------
     H
-        ``(nz, ny, nx, nt, ns)``.
+        Array of shape ``(nz, ny, nx, nt, ns)``.
     dtype
         float32 or float64.
     threshold

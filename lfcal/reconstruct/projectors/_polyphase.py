@@ -113,7 +113,7 @@ class Polyphase:
 
     # -- the pair --------------------------------------------------------------------------------------
     def forward(self, planes: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of pairs (operand, volume plane)."""
+        """Return the image of a volume, given as pairs (operand, volume plane)."""
         bands = self._bands()
         totals: list[NDArray[Any] | None] = [None] * len(bands)
         with one_blas_thread():
@@ -172,8 +172,8 @@ class Polyphase:
     ) -> NDArray[Any]:
         """Return the tile columns ``(tiles in x, fx, rows, phases)`` of a band of tile rows, transformed along x.
 
-        Conjugate spectra turn the product with K into that with its conjugate: data are real. From here to
-        `_synthesise_x` the sign of the transform along y does the same.
+        The adjoint needs products with the complex conjugate of K. As data are real, it reverses the sign of the
+        transform instead (``conjugate``), also of those along y until `_synthesise_x`.
         """
         x, y = self.plan.x, self.plan.y
         first, rows = band[0] * y.valid, (band[1] - band[0] - 1) * y.valid + y.taken

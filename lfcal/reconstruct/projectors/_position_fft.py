@@ -45,7 +45,7 @@ class PositionFFT:
         return operand.nbytes
 
     def forward(self, planes: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of pairs (operand, volume plane)."""
+        """Return the image of a volume, given as pairs (operand, volume plane)."""
         total: NDArray[Any] | None = None
         for operand, plane in planes:
             for y, x, rows, columns in self._positions():
@@ -108,7 +108,7 @@ class OnePatternFFT(PositionFFT):
         return operand.nbytes
 
     def forward(self, planes: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of pairs (operand, volume plane)."""
+        """Return the image of a volume, given as pairs (operand, volume plane)."""
         total: NDArray[Any] | None = None
         for operand, plane in planes:
             product = self._transform(plane)

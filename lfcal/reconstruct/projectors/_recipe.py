@@ -1,4 +1,4 @@
-"""Describe in one word how a projection is computed; the same recipe leads to identical results."""
+"""Recipes: short texts that state how a projection is computed; the same recipe leads to identical results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lfcal.reconstruct.projectors._tiles import TilePlan
 __all__ = ["SEPARATOR", "Tiles", "read_recipe", "recipe_of"]
 
 SEPARATOR = "+"
-"""Separates the recipes of regions."""
+"""Separator between the recipes of several regions."""
 
 
 class Tiles(NamedTuple):

@@ -100,7 +100,7 @@ class Reduced:
 
     # -- the pair --------------------------------------------------------------------------------------
     def forward(self, planes: Iterable[tuple[ReducedOperand, Array]]) -> Array:
-        """Return the image of pairs (operand, volume plane)."""
+        """Return the image of a volume, given as pairs (operand, volume plane)."""
         total = np.zeros(self.grid.image_shape, self.dtype)
         for operand, plane in planes:
             if operand.rest is None:

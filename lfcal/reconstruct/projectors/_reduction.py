@@ -281,7 +281,7 @@ class Reduction:
     kept
         Number of kept entries of ``rest``.
     error
-        ``(ny, nx)``: sum of the omitted magnitudes at each position, as a fraction of its total.
+        Sum of the omitted magnitudes at each position, as a fraction of the sum of all, ``(ny, nx)``.
     """
 
     nodes: Nodes

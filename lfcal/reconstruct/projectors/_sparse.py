@@ -74,7 +74,7 @@ class Sparse:
         return operand.pixels.nbytes + operand.sources.nbytes
 
     def forward(self, planes: Iterable[tuple[SparseOperand, NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of pairs (operand, volume plane)."""
+        """Return the image of a volume, given as pairs (operand, volume plane)."""
         out = self._positions()
         for operand, plane in planes:
             self._add(operand.pixels, self._spread(plane), out)

@@ -37,7 +37,7 @@ NODES = 257
 """Number of places per axis at which weights are computed; between them, weights are linear."""
 
 APART_PX = 1.0
-"""Regions closer than this are the same region (pixels)."""
+"""Smallest distance between two regions (pixels)."""
 
 
 def place_weights(middles: Sequence[Pair], points: F8) -> F8:
@@ -116,7 +116,7 @@ def _on_hull(places: F8, edges: NDArray[Any], points: F8) -> F8:
 
 
 def field_weights(middles: Sequence[Pair], shape: tuple[int, int]) -> list[F8]:
-    """Return an image of ``shape`` with the weights of each region; the weights sum to 1 at every pixel.
+    """Return the weights of each region as an image of ``shape``; they sum to 1 at every pixel.
 
     ``middles`` are the centres of the regions as pixels (row, column) of the image. They may be outside the image.
     """

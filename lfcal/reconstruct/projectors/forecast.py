@@ -343,7 +343,7 @@ def _sparse_seconds(problem: ProjectionProblem, density: float) -> float:
 
 
 def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
-    """Return the fastest plans whose spectra fit into memory, or the smallest plan if none does."""
+    """Return an option for each division into tiles; none if the spectra of a single frequency are too large."""
     complex_type = np.result_type(problem.dtype, np.complex64)
     grid, workers = problem.grid, problem.workers
     smallest = grid.phases * problem.pixels * complex_type.itemsize

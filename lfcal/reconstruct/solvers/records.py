@@ -121,7 +121,7 @@ class Reconstruction:
     state
         State from which another run can continue, as the argument ``resume``.
     notes
-        Notes on how the input was changed, such as masked or negative pixels.
+        Remarks on the input and on the run, such as the number of excluded pixels.
     stopped
         Reason why the solver stopped early; empty if all requested iterations were done.
     chi2

@@ -66,7 +66,7 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
 def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
     """Return a 1-D low-pass kernel that preserves periods above ``2 * width`` pixels: a sinc with a Lanczos window.
 
-    ``lobes`` is the number of zeros of the sinc on each side, at the last of which the window ends. For a width of 1 or
+    ``lobes`` is the number of zeros of the sinc on each side; the window ends at the last of them. For a width of 1 or
     less, the kernel is ``[1.0]``.
     """
     # 1 pixel or less: nothing to filter, and np.sinc(x / width) would divide by zero

@@ -10,9 +10,9 @@ to be known.
 
 This rule is suitable for volumes that are viewed. In sums over regions, noise averages out, but parts of the object
 that have not been found do not. An estimate of sums needs less regularisation than one of the entire volume
-(undersmoothing: Hall 1992, The Annals of Statistics 20, 675-694). A run for measuring therefore continues for the same
-number of iterations that were needed for the best prediction. The patience grows with the iterations, so that a random
-dip does not end it.
+(undersmoothing: Hall 1992, The Annals of Statistics 20, 675-694). A run for measuring therefore takes twice as many
+iterations as were needed for the best prediction. Its patience grows with the iterations, so that a random dip does not
+end it.
 
 If gain and noise are known, the discrepancy principle (Morozov 1966; for photons Bertero et al. 2010, Inverse Problems
 26, 105004) needs no held-out pixels. A volume is good enough when its image agrees with the frame to within the noise.
