@@ -56,7 +56,7 @@ _KEPT: dict[tuple[str, str], bool] = {}
 
 
 class _Spent(threading.local):
-    """Time that this thread spent on loading and compiling kernels (CPU-seconds), and whether it is doing so."""
+    """State of a thread: its CPU time (s) for loading and compiling kernels, and what it is doing now."""
 
     seconds = 0.0  # loading included
     compiling = 0.0
@@ -117,7 +117,7 @@ class Kernel(Generic[P, R]):
         self._compiled: Any = None
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Run the compiled function."""
+        """Run the compiled function, or the Python function if the kernel is called by one that runs uncompiled."""
         if _SPENT.interpreting:
             return self.function(*args, **kwargs)
         result: R = (self._compiled or self.compiled())(*args, **kwargs)
@@ -168,7 +168,7 @@ class Kernel(Generic[P, R]):
 
 @contextmanager
 def sparing_kernels() -> Iterator[None]:
-    """Context in which small amounts of work are done without kernels that have never been compiled.
+    """Return a context in which small amounts of work are done without kernels that have never been compiled.
 
     The first run of a command then takes about as long as a later one. The results are the same to within rounding
     errors. `kernel_spared` decides for each kernel.
@@ -349,7 +349,7 @@ def _clock(dispatcher: Any) -> None:
 
 
 def _count_compiling(seconds: float) -> None:
-    """Say once why a first run takes longer, to a person who waits at a terminal."""
+    """Add to the compiling time of this thread; once it is long, explain at a terminal why a first run takes longer."""
     _SPENT.compiling += seconds
     if _SPENT.compiling > NOTED_AFTER and sys.stderr is not None and sys.stderr.isatty():
         note("compiling numerical kernels; they are cached, so later runs start faster")

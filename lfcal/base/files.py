@@ -64,7 +64,7 @@ _REMEDIES = {
 
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Return a context manager that converts operating-system errors to a one-line `StorageError` about ``path``.
+    """Return a context in which errors of the operating system become a one-line `StorageError` about ``path``.
 
     HDF5 reports a failing disk as an OSError or RuntimeError with the system's error number in its message.
     """
@@ -250,9 +250,10 @@ def _remove(path: Path) -> bool:
 
 @contextmanager
 def only_writer(target: Path) -> Iterator[bool]:
-    """Context in which a lock file excludes other writers of ``target``; yields whether the lock could be taken.
+    """Return a context in which a lock file excludes other writers of ``target``.
 
-    It cannot be taken if the file system does not support locks, or if the lock file belongs to another user.
+    It yields whether the lock could be taken, which is not the case if the file system does not support locks, or if
+    the lock file belongs to another user.
 
     Raises
     ------

@@ -28,13 +28,15 @@ VERDICT: dict[Merit, str] = {
     "fair": "is usable, but should be checked",
     "good": "is good but",
 }
+"""Verdict on data, by the merit of the worst finding."""
+
 REMAINS: dict[Merit, str] = {
     "bad": "should not be used",
     "unknown": "is not fully judged",
     "fair": "should be checked",
     "good": "is good but for",
 }
-"""Verdict on data by the merit of the worst finding, and what remains without the first finding."""
+"""Verdict on data without the worst finding, by the merit of the next findings."""
 
 LISTED: dict[Merit, int] = {"bad": 3, "unknown": 3, "fair": 4, "good": 3}
 """Largest number of findings that a verdict names; others are counted."""

@@ -47,7 +47,7 @@ class _Lines(logging.Handler):
 
 @contextmanager
 def notes_to(sink: Callable[[str], None]) -> Iterator[None]:
-    """Context manager that passes the notes, warnings and events of long work to ``sink``, one line each.
+    """Return a context in which the notes, warnings and events of long work are passed to ``sink``, one line each.
 
     A note or warning that is repeated is passed only once.
     """

@@ -51,9 +51,9 @@ def check_zarr() -> ModuleType:
 
 @contextmanager
 def understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
-    """Context in which errors of the disk are converted to `StorageError`, and others to `FileFormatError`.
+    """Return a context in which errors of the disk become a `StorageError`, and others a `FileFormatError`.
 
-    `LfcalError` is not converted. ``source`` is the folder that is read. ``wanted`` and ``remedy`` state in the
+    `LfcalError` is not changed. ``source`` is the folder that is read. ``wanted`` and ``remedy`` state in the
     message what was expected and what to do.
     """
     try:

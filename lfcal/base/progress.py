@@ -254,12 +254,12 @@ class WorkAbandoned(Exception):
 
 
 _NEEDED: ContextVar[Callable[[], bool] | None] = ContextVar("needed", default=None)
-"""Check of this thread, and of threads that help it in its context (`lfcal.base.threads.for_each_chunk`)."""
+"""Function given to `abandonable`, for this thread and its helpers (`lfcal.base.threads.for_each_chunk`)."""
 
 
 @contextmanager
 def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
-    """Context in which `raise_if_abandoned` ends this thread's computation when ``needed`` returns False.
+    """Return a context in which `raise_if_abandoned` ends this thread's computation when ``needed`` returns False.
 
     Use it for functions that are not generators, and whose results may become unnecessary before they return.
     """

@@ -87,7 +87,7 @@ def worker_count(workers: int | None = None) -> int:
 
 @contextmanager
 def bounded_threads(workers: int | None = None) -> Iterator[int]:
-    """Context manager that limits everything inside it to ``worker_count(workers)`` threads; yields this number.
+    """Return a context in which at most ``worker_count(workers)`` threads are used; yields this number.
 
     The limit applies to lfcal's pools, to child processes, and to numerical libraries. It is set in loaded libraries by
     a call, and for libraries loaded later by environment variables. A smaller limit that the user has set in such a
@@ -209,7 +209,10 @@ class Meter:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Context in which the time of this thread and its helpers is counted; a generator must not yield inside it."""
+        """Return a context in which the time of this thread and its helpers is counted.
+
+        A generator must not yield inside it.
+        """
         token = _METER.set(self)
         try:
             with self.timed():
@@ -219,7 +222,7 @@ class Meter:
 
     @contextmanager
     def timed(self) -> Iterator[None]:
-        """Context in which only the time of this thread is counted."""
+        """Return a context in which only the time of this thread is counted."""
         start = time.thread_time() - preparing_seconds()
         try:
             yield
@@ -395,10 +398,10 @@ _GATE = _BlasGate()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Context in which matrix products run on the calling thread only.
+    """Return a context in which matrix products run on the calling thread only.
 
     Small products in a thread pool are up to ten times slower if each starts further threads. The limit applies to the
-    whole process until the last of several concurrent blocks ends.
+    whole process until the last of several concurrent contexts ends.
     """
     with _GATE.lock:
         if _GATE.users == 0:

@@ -1,4 +1,4 @@
-"""Settings of a run: the executor, and what happens to an earlier run."""
+"""Settings of a run (its executor, and what happens to an earlier run), and runs that write one output file."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Journal of a run: one line of JSON for each event, read by `lfcal status` and the window.
+"""Journal of a run: one line of JSON for each event, read by `lfcal status`, the window and later runs.
 
-The units' files decide what is done. The journal is only for display, and its last line may be incomplete.
+A unit is done if its file exists. From the journal, a later run takes the seals of the files, by which it recognises
+damaged ones, and the settings of the units. The last line of a journal may be incomplete.
 """
 
 from __future__ import annotations
@@ -294,7 +295,7 @@ def _after(state: UnitState, record: dict[str, Any], starts: dict[str, float]) -
 
 
 def _records(lines: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield the complete lines."""
+    """Yield the entries of a journal, without incomplete or damaged lines."""
     for line in lines:
         try:
             record = parse_json(line, JOURNAL, finite=False)

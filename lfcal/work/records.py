@@ -1,7 +1,7 @@
 """Results of units other than planes and volumes: records of numbers and arrays, in files that are safe to read.
 
 The file is a pickle that may contain only dataclasses, enumerations and named tuples of lfcal, and numpy arrays.
-Reading it constructs these without calling any of their functions.
+Reading it calls no functions except those that construct arrays and members of enumerations.
 """
 
 from __future__ import annotations

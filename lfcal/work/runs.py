@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 ATTEMPTS = 4
-"""Largest number of times that a unit is started if its worker ends early."""
+"""Default of the largest number of times that a unit is started, for `iter_run`."""
 
 JOINING = "joining"
 """Event written when all units are done and the output is being written."""
@@ -281,7 +281,7 @@ class _Run:
         self.journal.note("end")
 
     def _available(self) -> int:
-        """Return the number of consecutive units that are done from the first one on."""
+        """Return the number of units before the first one that is not done."""
         return next((k for k, share in enumerate(self.shares) if share < 1.0), len(self.shares))
 
     def _check_room(self) -> None:
@@ -369,7 +369,7 @@ class _Run:
 
 
 def _trust(event: Event) -> None:
-    """Accept a unit's file if its seal is that from the worker: it need not be read again."""
+    """Mark a unit's file as intact if its seal is still the one that the worker reported."""
     path = Path(event.job.out)
     if path.suffix == ".h5" and event.seal == seal_of(path):
         trust(path)

@@ -21,7 +21,7 @@ from lfcal.base import InputError, Work, plain, storage_errors
 __all__ = ["Job", "ProcessCache", "Task", "Unit", "file_name", "numbered", "seal_of", "stamp_of", "worker_number"]
 
 Task = Callable[[Mapping[str, Any], Path, int], Work[None]]
-"""Function that does a unit, from its arguments, the file to write atomically, and the number of threads."""
+"""Function that processes a unit, given its arguments, the file to write atomically, and the number of threads."""
 
 PIECE = 1 << 22
 """Bytes of a file that are read at a time."""
@@ -32,7 +32,7 @@ DIGITS = 16
 
 @dataclass(frozen=True)
 class Unit:
-    """Unit of work, described only by paths and plain JSON types, so that any process can do it.
+    """Unit of work, described only by paths and plain JSON types, so that any process can do the work.
 
     Attributes
     ----------

@@ -69,7 +69,11 @@ class Examination:
             self.ask(lambda name=name: owner.attrs[name])
 
     def dataset(self, data: Any) -> None:
-        """Read the index of chunks; decode all chunks of small data or third-party filters, else the first and last."""
+        """Read the index of chunks, and decode some or all chunks.
+
+        All are decoded if the data are small or have third-party filters, otherwise the first and the last one. With
+        ``only``, just the middle one of large data is decoded.
+        """
         plist = self.ask(data.id.get_create_plist)
         if plist is None or self.ask(plist.get_external_count) or self.ask(plist.get_layout) == h5py.h5d.VIRTUAL:
             return

@@ -28,7 +28,7 @@ MAX_REFERENCES = 1 << 20
 """Largest number of references in a dataset; each is a separate entry to read."""
 
 MAX_LINKS = 16
-"""Largest number of soft links followed to one entry; more are treated as a circle."""
+"""Largest number of soft links followed to one entry; more of them may form a loop."""
 
 
 def _opened(path: Path) -> Any:

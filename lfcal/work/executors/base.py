@@ -20,7 +20,7 @@ class EventKind(Enum):
     ADVANCED = "advanced"
     DONE = "done"
     FAILED = "failed"
-    """The task raised an error, and would raise it again."""
+    """The task raised an error, for which the unit is not tried again."""
     LOST = "lost"
     """The worker ended, or a file could not be read or written: the unit may be tried again."""
 
@@ -60,7 +60,7 @@ class Event:
 
 
 FINAL_EVENTS = (EventKind.DONE, EventKind.FAILED, EventKind.LOST)
-"""Events after which the executor has no record of the unit."""
+"""Kinds of the events after which the executor is no longer responsible for the unit."""
 
 
 class Executor(Protocol):

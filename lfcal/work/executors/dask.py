@@ -24,7 +24,7 @@ CONNECT_TIMEOUT_S = 20.0
 ADDRESS = re.compile(r"([a-z]+://)?([\w.-]+|\[[\da-fA-F:.]+\]):\d{1,5}", re.ASCII)
 
 SETTINGS: dict[str, Any] = {
-    # # dask's default returns freed memory to the system: each array is then mapped and zeroed again, which takes a
+    # dask's default returns freed memory to the system: each array is then mapped and zeroed again, which takes a
     # fifth of the time of a unit. A value in the user's environment has priority.
     "distributed.nanny.pre-spawn-environ": {"MALLOC_TRIM_THRESHOLD_": None},
     # the profiler samples all threads every 10 ms for a page of the dashboard; it is not needed
@@ -84,7 +84,7 @@ class Dask:
         self._count = itertools.count()
 
     def __enter__(self) -> Self:
-        """Start a local cluster of single threads, or connect to the scheduler."""
+        """Start a local cluster of workers with one thread each, or connect to the scheduler."""
         with self._stack as stack:
             if self.address:
                 try:
@@ -104,7 +104,7 @@ class Dask:
 
     @contextmanager
     def _local(self) -> Iterator[Any]:
-        """Return a local cluster."""
+        """Return a context with a local cluster."""
         import dask
 
         # the journal reports the state of workers; dask's own log lines would break the progress bar of a command

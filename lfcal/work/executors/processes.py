@@ -25,7 +25,7 @@ POLL_S = 0.2
 """Longest wait of `Processes.events`, and time between two progress reports of a unit (s)."""
 
 KILLED = -9
-"""Exit code of a killed process, on most systems."""
+"""Exit code of a killed process on most systems; assumed if the exit code is unknown."""
 
 _SCRIPT = threading.Lock()
 """Lock held while the program's script is hidden."""
