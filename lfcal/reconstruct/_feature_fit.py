@@ -275,7 +275,7 @@ def misfits(
     covariance: Covariance,
     seed: int,
 ) -> Iterator[tuple[F8, float] | None]:
-    """Yield None after each solution, and finally chi-square of each feature, and its largest expected value.
+    """Yield None after each solution, and finally the relative chi-square of each feature, and the limit for all.
 
     The residual ``(Y, X)`` without the best step of all features, and without the best prediction of the rest, is
     compared with what `DRAWS` random residuals leave. Pixels are weighted by the light of the feature.

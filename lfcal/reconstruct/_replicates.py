@@ -86,7 +86,7 @@ class ObjectModel:
 
 @dataclass(frozen=True)
 class SampleNoise:
-    """Noise of the samples of a frame: the variance is ``floor + slope * light``, without saturated pixels.
+    """Noise of the samples of a frame: below saturation, the variance is ``floor + slope * light``.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class Replicates:
     weights
         Weight of each pixel, ``(Y, X)``. None: 1.
     imaging
-        Function that returns an H drawn from its uncertainty, which images a replicate. None: `P`.
+        Function that draws an H from its uncertainty, to image a replicate. None: `P` images all replicates.
     """
 
     P: Projector
@@ -219,7 +219,7 @@ class Replicates:
 
         If the noise is unknown, it is estimated from the residual of the ``volume``. Iterations also fit a part of the
         noise, so the residual is too small. The volume itself is therefore imaged with the estimated noise and
-        reconstructed, and its residual shows by which factor.
+        reconstructed, and the new residual shows by which factor.
         """
         known = SampleNoise.of(self.choice)
         if known is not None:

@@ -175,7 +175,7 @@ class ErrorBars:
 
 
 def check_bars(choice: SolverChoice, what: str = "a reconstruction with error bars") -> None:
-    """Raise `InputError` unless ``choice`` fixes the number of iterations; ``what`` is computed, for the message."""
+    """Raise `InputError` unless ``choice`` fixes the number of iterations; ``what`` names the run in the message."""
     if choice.auto or choice.tolerance > 0:
         setting, given = ("iterations", "auto") if choice.auto else ("tolerance", str(choice.tolerance))
         raise InputError.expected(

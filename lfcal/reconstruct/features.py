@@ -61,7 +61,7 @@ ERROR_DRAWS = 8
 """Number of random H by which errors of H are represented."""
 
 APART = 1.0
-"""Smallest distance of the initial positions of two features (voxels)."""
+"""Smallest distance of the initial positions of two beads (voxels)."""
 
 MOST = 1000
 """Largest number of features; their covariance matrix is dense."""

@@ -163,7 +163,7 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
 
 
 def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[float, float] | None:
-    """Return the anchor (row, column) of H in frames of a session that start at another pixel than (0, 0) (px).
+    """Return the anchor (row, column) of H (px) in frames of a session that do not start at pixel (0, 0).
 
     None for other frames: the anchor stored in H applies. ``resample`` states whether to resample frames; None: only if
     the lattice drifts.
@@ -208,7 +208,7 @@ def cleaner(light_field: LightFieldSettings, view: Resampling | None) -> Cleaner
 
 
 LONG = (".ome.tif", ".ome.tiff", ".ome.zarr")
-"""Suffixes of two parts."""
+"""Suffixes of volume files that consist of two parts."""
 
 Save = Callable[[str, "NDArray[Any] | None", Mapping[str, Any]], None]
 """Function that saves a volume: it takes the name of the frame, the volume (None: there is none), and metadata."""

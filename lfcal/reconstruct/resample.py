@@ -401,7 +401,7 @@ def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
 
 
 def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None) -> Camera:
-    """Return ``camera`` with the measured lattice ``fit``, for three lens types with a type-0 lenslet at the offset.
+    """Return a ``camera`` with three lens types, with the lattice of ``fit``; its offset is at a type-0 lenslet.
 
     The type of each lenslet is determined in the white image. Without a result, the lenslet nearest to the stated
     offset is of type 0.

@@ -262,7 +262,7 @@ SUFFIXES = (".tif", ".tiff", ".h5", ".hdf5", ".npy", ".zarr")
 """File types of volumes."""
 
 IMAGEJ_BYTES = 3 << 30
-"""Largest size of a TIFF in the format of ImageJ, which is limited to 4 GB, and of one without 64-bit offsets."""
+"""Size (bytes) up to which a TIFF has the format of ImageJ, and 32-bit offsets; both are limited to 4 GB."""
 
 DATASET = "volume"
 """Name of the volumes in an HDF5 file."""
