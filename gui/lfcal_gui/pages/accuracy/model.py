@@ -41,7 +41,7 @@ class AccuracySettings(PageSettings):
     seconds
         Approximate time to measure one part (s).
     error
-        Target error whose cost is shown (fraction).
+        Target error for which the cost is shown (fraction).
     """
 
     page: ClassVar[str] = "accuracy"
@@ -78,7 +78,7 @@ def subjects(project: ProjectState) -> tuple[str, ...]:
 
 
 def words_of(curve: Curve | None, error: float, *, running: bool, in_use: CostPoint | None = None) -> tuple[str, str]:
-    """Return the cost of the target error with the setting in use, and how it was measured, as text."""
+    """Return the cost of the target error with the setting in use, and how the error was measured, as text."""
     if curve is None:
         return ("measuring …" if running else "Not measured yet: press Measure."), ""
     if not curve.points:

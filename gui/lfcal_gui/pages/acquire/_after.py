@@ -132,6 +132,6 @@ class Afterwards:
             "acquire",
             lambda: iter_finish(folder),
             lambda packed: self.context.message.emit(
-                "; ".join((f"packed: {packed.bytes_gained / 1e6:.1f} MB gained", *packed.left))
+                "; ".join((f"packed: {packed.bytes_gained / 1e6:.1f} MB freed", *packed.left))
             ),
         )

@@ -159,7 +159,7 @@ class RecordPanel(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.map_words = ElidedLabel(role="hint")
         self.map_words.setToolTip(
-            "Quantity that the map shows. Frames of a target record only some of the phases; a fit of the optics "
+            "Values in the map. Frames of a target record only some of the phases; a fit of the optics "
             "predicts the others"
         )
         widget = QWidget()

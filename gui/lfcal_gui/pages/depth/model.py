@@ -151,7 +151,8 @@ def frame_picture(path: str) -> NDArray[Any]:
 def forecast_words(found: DepthForecast, workers: int) -> str:
     """Return the forecast of a measurement as text."""
     threads = "1 thread" if workers == 1 else f"{workers} threads"
-    return f"Takes {format_seconds(found.seconds)} of processor time on {threads}, and {format_bytes(found.memory)}."
+    time, memory = format_seconds(found.seconds), format_bytes(found.memory)
+    return f"Takes {time} of processor time on {threads}, and {memory} of memory."
 
 
 class Shade(NamedTuple):

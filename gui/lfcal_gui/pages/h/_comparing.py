@@ -40,7 +40,9 @@ class ProjectComparing(Comparing):
         super().__init__(self.view, page.context, page.spec.key)
         self._host = page
         self.shown = choice_box(
-            SHOWN, "Alternate to see shifts; use the view Difference to see missing light", "H that is shown"
+            SHOWN,
+            "H in the images. Alternate to see shifts; use the view Difference to see missing light",
+            "H that is shown",
         )
         self.shown.currentIndexChanged.connect(lambda _: self._show_other())
         column = self.view.layout()

@@ -235,7 +235,7 @@ class FitPictures(QWidget):
         column_of(row, self.contrast, of=self, spacing=2, stretch=0)
 
     def show_fit(self, found: FoundFit | None) -> None:
-        """Use the patterns of a fit, None: of no fit; the pictures are empty until `show_place` is called."""
+        """Use the patterns of a fit (None: no fit). The pictures are empty until `show_place` is called."""
         if found is self._found:
             return
         self._found, self.place, self.words = found, None, ("", "")
@@ -497,7 +497,7 @@ class FitView(QWidget):
         self.rounds.show_rounds(rounds)
 
     def show_found(self, found: FoundFit, rounds: Sequence[FitProgress], note: str = "") -> None:
-        """Show the result of a fit; ``note`` states what was done or changed since."""
+        """Show the result of a fit; ``note`` states whether it is in use, and what changed since."""
         if found is not self._found:
             self._found = found
             self.sums.setText(model_fit_run.chi2_words(found))

@@ -341,7 +341,7 @@ def _virtual_words(camera: Camera | None, depth_um: float) -> str:
     try:
         return f", v = {camera.virtual_depth(depth_um):.2f}"
     except InputError:  # the H of others may bring another camera
-        return ", where its camera sees nothing"
+        return ", where the camera of H sees nothing"
 
 
 def place_words(matrix: PSFMatrix, intent: HIntent) -> tuple[str, str]:

@@ -253,7 +253,7 @@ def _metric_words(inspection: Inspection, metric: Metric, reading: str) -> str:
         if cause is not None:
             parts.append(f"<b>See the fault “{cause.title}”</b>, which causes it. {_atlas_link(cause.name)}")
         elif inspection.withdrawn(metric):
-            parts.append("<b>Not confirmed</b>: the comparison with the camera tested for it without finding it.")
+            parts.append("<b>Not confirmed</b>: the comparison with the camera found no such fault.")
         else:
             parts.append(f"<b>What to do:</b> {metric.spec.advice}")
     return "<br>".join(parts)

@@ -167,8 +167,8 @@ class Offer:
             _, refused = self._by_window(window)
             if refused:
                 return f"H does not match {window.name}, the camera of this window: {refused}.", "error"
-            return f"Starts from {window.name}, the camera of this window.", "hint"
-        return f"Starts from {self.camera}, the camera of H.", "hint"
+            return f"The fit starts from {window.name}, the camera of this window.", "hint"
+        return f"The fit starts from {self.camera}, the camera of H.", "hint"
 
     def lacking(self, settings: FitSettings, window: Camera, plan: ScanPlan | None) -> dict[str, str]:
         """Return the groups for which the fitted camera has no unknowns, each with the reason.

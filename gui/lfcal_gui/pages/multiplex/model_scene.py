@@ -285,7 +285,7 @@ def _scene_shape(modulator: Modulator, camera: Camera) -> tuple[int, int]:
 CFA_SIDE = 240
 SCENE_VALUES = 4_000_000
 LARGEST = 1536
-"""Side of the middle part taken of an opened image or a live frame (px)."""
+"""Largest side of the middle part of an opened image or a live frame that is used (px)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -456,7 +456,9 @@ def _from_file(settings: MultiplexSettings, modulator: Modulator, dark: float) -
     shape = seen.frame.shape
     words = f"{seen.words}, {_sized(shape)}"
     if shape != seen.part.whole:
-        words = f"{seen.words}, the middle {_sized(shape)} of {_sized(seen.part.whole)} (a copied command uses all)"
+        words = (
+            f"{seen.words}, the middle {_sized(shape)} of {_sized(seen.part.whole)} (a copied command uses all pixels)"
+        )
     if seen.truth is None:
         return replace(seen, words=words)
     only_frames = settings.route == "lattice" or (settings.route == "general" and settings.transmissions)

@@ -25,7 +25,7 @@ class SearchView(QWidget):
     """View with constraints on the left and the design on the right."""
 
     search_asked, use_asked, save_asked = Signal(), Signal(), Signal()
-    """Requests to search, to use the design as the page's modulator, and to save it as ``.npy``."""
+    """Requests to search, to use the design as the page's modulator, and to save it to a file."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

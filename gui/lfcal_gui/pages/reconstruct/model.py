@@ -293,7 +293,7 @@ class ReconstructSettings(PageSettings):
             )
         if self.lattice and self.as_is:
             raise InputError.expected(
-                "lattice", "no file, because As is is ticked", self.lattice, "clear Lattice, or untick As is"
+                "lattice", "no file, because “As is” is ticked", self.lattice, "clear Lattice, or untick As is"
             )
         if self.lattice and self.other_regions:
             raise InputError.expected(

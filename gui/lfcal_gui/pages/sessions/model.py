@@ -147,7 +147,7 @@ def _opens(path: Path) -> bool:
 def how_opened(result: StoredResult) -> str:
     """Return how to open a result: key of a page, ``"browser"``, or a sentence on why it cannot be opened."""
     if result.problem:
-        return "It cannot be read, so it cannot be opened."
+        return "This result cannot be opened, because it cannot be read."
     if result.kind == "export" and not _opens(result.path):
         return "A TIFF export is for other programs. Open the H from which it was made."
     return {"recording": "acquire", "volume": "reconstruct", "fit": "browser", "report": "browser"}.get(

@@ -80,7 +80,7 @@ class SessionsPanel(QTabWidget):
         self.folder.setToolTip("Folder to search, with its subfolders")
         self.folder.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.choose_button, self.again_button = QPushButton("Choose …"), QPushButton("Search again")
-        self.choose_button.setToolTip("Search another folder. lfcal remembers it")
+        self.choose_button.setToolTip("Search another folder, and add this folder to the list")
         self.again_button.setToolTip("Search the folder again (F5)")
         self.status = ElidedLabel(" ", role="hint")
         return line("Folder", self.folder, self.choose_button, self.again_button, stretch=1)

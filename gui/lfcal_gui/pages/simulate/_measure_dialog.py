@@ -16,7 +16,7 @@ from lfcal_gui.widgets import button, column_of, heading, line, name_controls, s
 MEANING = "Each measurement determines the effects below it. Percentages: possible error of the image."
 USE = "Make this the plan of the project, with the chosen positions, and open Record. Undo restores the previous plan"
 SAVE = "Save the plan and the list of its positions, for lfcal acquire"
-WHITE = "Compare the camera with a white image in Set up, and take the lattice that it shows"
+WHITE = "Compare the camera with a white image in Set up, and use the lattice measured there"
 VALUES = "Select the largest of these effects, to enter its value"
 
 

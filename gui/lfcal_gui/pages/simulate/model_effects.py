@@ -32,16 +32,16 @@ class EffectRow:
     group
         One of `GROUPS`.
     enters_h
-        Whether it affects H; else it affects only frames, and the decision is that for frames.
+        Whether the effect affects H; else it affects only frames, and the decision is that for frames.
     on, setting, reason
         Decision of the planner, choice of the user, and reason.
     share, upper_bound, size, formula
         Estimated error of the image without the effect, whether this is an upper bound, size with unit, and how error
         and size were found.
     seconds_with, seconds_without
-        Forecast of the cost of the whole plan with and without it (CPU-seconds).
+        Forecast of the processor time of H with and without the effect (s).
     magnitudes
-        Its magnitudes.
+        Magnitudes of the effect.
     """
 
     effect: Effect
@@ -62,7 +62,7 @@ class EffectRow:
 
     @property
     def given(self) -> bool:
-        """Whether the user gave one of its magnitudes."""
+        """Whether the user gave a magnitude of the effect."""
         return any(one.source == "given" for one in self.magnitudes)
 
     def share_text(self) -> str:
@@ -72,7 +72,7 @@ class EffectRow:
         return f"{'≤ ' if self.upper_bound else ''}{format_share(self.share)}"
 
     def seconds_text(self) -> str:
-        """Return the cost of the plan with and without it as text."""
+        """Return the processor time of H with and without the effect as text."""
         before, after = self.seconds_without, self.seconds_with
         return "free" if after == before else f"{format_seconds(after)} with it, {format_seconds(before)} without it"
 

@@ -107,6 +107,6 @@ def trend_words(found: DriftWatch) -> str:
     return "\n".join(
         (
             *((f"Trend: {', '.join(slopes)}",) if slopes else ()),
-            f"T² above {found.threshold:.1f} is an alarm: {found.basis}",
+            f"T² above {found.threshold:.1f} is an alarm; {found.basis}",
         )
     )

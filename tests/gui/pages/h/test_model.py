@@ -103,7 +103,7 @@ def test_places_and_planes_are_named_by_what_h_states() -> None:
     # its focal length before the lens
     other = PSFMatrix(values, depths=(-260e3, 0.0), camera=preset("bench"))
     told = [place_words(other, HIntent(z=z))[0].replace("\u00a0", " ") for z in (0, 1)]
-    assert told[0].endswith("z = -260 mm, where its camera sees nothing") and "v = " in told[1]
+    assert told[0].endswith("z = -260 mm, where the camera of H sees nothing") and "v = " in told[1]
     assert aperture_tip(1, float("nan"), 2, None, None) == "Plane 1 (0 to 1)"
     assert format_plane(float("nan"), 1) == "plane 1" and format_plane(-1000.0, 1) == "-1 mm"
     refused = fitted(confident=False, refusal="cut off", kind="")

@@ -112,7 +112,7 @@ def test_a_task_has_the_fields_that_apply() -> None:
     assert ReconstructSettings(regions="all", as_is=True).other_regions == ("all",)
     with pytest.raises(InputError, match="lattice: expected no file for an H of several regions"):
         ReconstructSettings(regions="all", lattice="lattice.json")
-    with pytest.raises(InputError, match="lattice: expected no file, because As is is ticked"):
+    with pytest.raises(InputError, match="lattice: expected no file, because “As is” is ticked"):
         ReconstructSettings(lattice="lattice.json", as_is=True)
     task = task_of(ReconstructSettings("isra", read_noise=3.0, subsets=2, strength=0.1), "H.h5", "f.tif", "v.tif")
     assert isinstance(task, Reconstruct) and command_of(task) == (

@@ -125,7 +125,7 @@ def test_an_h_says_what_it_has() -> None:
     assert offer.noise_words(given) == ("Noise as given here, not as stated in H.", "hint")
     mine = replace(preset("bench"), name="mine")
     assert offer.camera_words(FitSettings("window"), mine, None) == (
-        "Starts from mine, the camera of this window.",
+        "The fit starts from mine, the camera of this window.",
         "hint",
     )
     small = replace(mine, sensor=replace(mine.sensor, shape=(10, 12)))
