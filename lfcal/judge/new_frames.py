@@ -18,7 +18,7 @@ NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
 """Patterns of the names of single files that state the position of their source."""
 
 NEAR_DEPTH = 0.02
-"""Largest relative difference between a depth and that of its plane in H."""
+"""Largest relative difference between a depth and the depth of its plane in H."""
 
 
 def new_frames(

@@ -15,8 +15,9 @@ __all__ = ["COLUMNS", "count_lit", "expect", "learn", "measure", "same_rows"]
 COLUMNS = ("level", "energy", "row", "column", "peak", "noise", "total")
 """Values that `measure` computes; the first five are stored in the table of neighbours.
 
-Level of the darkest corner; sum of the light above it; row and column of its centroid from the frame's middle; highest
-sample; noise of a pixel in that corner (counts); sum of all samples.
+They are the level of the darkest corner, the sum of the light above it, the row and the column of the centroid of this
+light from the frame's middle, the highest sample, the noise of a pixel in that corner (counts), and the sum of all
+samples.
 """
 
 
@@ -62,9 +63,9 @@ def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
 def learn(
     values: NDArray[np.float64], expected: NDArray[np.float64], ceiling: float, usual: NDArray[np.float64]
 ) -> None:
-    """Update the typical differences ``usual`` ``(4,)`` by those between ``values`` and ``expected``.
+    """Update the typical differences ``usual`` ``(4,)`` by the differences between ``values`` and ``expected``.
 
-    Units are those of `lfcal.acquire.guard.content.FIRST`. The differences grow quickly and shrink slowly, because a
+    Units are as in `lfcal.acquire.guard.content.FIRST`. The differences grow quickly and shrink slowly, because a
     pattern with a jump usually has more jumps.
     """
     light = max(abs(expected[1]), 1e-9)

@@ -107,7 +107,7 @@ class Repeats:
             self._latest.append(sample)
 
     def kept(self, position: Position, frame: NDArray[Any], noise: float, floor: float) -> Doubt:
-        """Compare a frame with those stored by earlier runs of the session, and return the findings.
+        """Compare a frame with the frames stored by earlier runs of the session, and return the findings.
 
         Only the checksums of these frames are known. Their cutouts move with the source, so that noise-free frames of
         different positions may be equal. A frame is therefore compared only if ``noise``, the standard deviation of a
@@ -152,7 +152,7 @@ def _repeated(position: Position) -> Doubt:
 
 LEVEL, ENERGY, ROW, COLUMN, PEAK = range(5)
 UNUSUAL = 8.0
-"""A frame is unusual if its deviation from the prediction exceeds the typical one by this factor."""
+"""A frame is unusual if its deviation from the prediction exceeds the typical deviation by this factor."""
 SIGMAS = 8.0
 """Required significance, in standard deviations of the frame's own noise."""
 GAINS = (1.3, 2.0, 2.5, 1.5)
@@ -162,7 +162,7 @@ FIRST = (0.001, 0.03, 0.15, 0.15)
 LEAST = (0.003, 0.2, 0.5, 0.5)
 """Differences that are always tolerated, in the units of `FIRST`."""
 ELSEWHERE = (0.01, 0.5, 1.5, 1.5)
-"""Differences tolerated in a frame without neighbours, which is compared with the latest one of another plane."""
+"""Differences tolerated in a frame without neighbours, which is compared with the latest accepted frame."""
 MANY = (0.01, 0.5, math.inf, math.inf)
 """Differences tolerated in whole frames of many points, in which the light moves from one offset to the next."""
 AGAIN = (0.003, 0.15, 0.5, 0.5)
@@ -185,8 +185,8 @@ class MeasuredFrame(NamedTuple):
     """Measurements of a frame.
 
     ``values`` contains the measurements in the order of `COLUMNS`. ``level_sigma`` and ``energy_sigma`` are the
-    standard deviations of background and energy (counts), and ``place_sigma`` is that of the centroid (px).
-    ``saturated`` is the number of saturated pixels.
+    standard deviations of background and energy (counts), and ``place_sigma`` is the standard deviation of the centroid
+    (px). ``saturated`` is the number of saturated pixels.
     """
 
     values: NDArray[np.float64]
@@ -381,7 +381,7 @@ class ContentGuard:
     coarse
         Whether coarse grids are recorded first, so that neighbours are farther away.
     recorded
-        See `Repeats`.
+        Positions of the frames stored by earlier runs, by CRC-32; see `Repeats`.
     whole
         Whether frames cover the whole sensor and show many points; such frames differ in the positions of the light but
         have similar sums.

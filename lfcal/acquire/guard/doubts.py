@@ -20,7 +20,7 @@ SUBJECTS = {
     Suspicion.DARK_LEVEL: "sensor",
     Suspicion.CLIPPED: "sensor",
 }
-"""Device to which each kind of finding refers; the others refer to the frame itself."""
+"""Subject of each kind of finding; the subject of all others is the frame itself."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -157,7 +157,7 @@ class Slots(NamedTuple):
     """Expected content of the ``N`` slots of one file.
 
     ``kinds`` ``(N,)``, ``flat`` ``(N,)`` (positions of the plan) and ``origins`` ``(N, 2)`` (row and column of the
-    first pixel on the sensor) are those of `Schedule`.
+    first pixel on the sensor) have the same meaning as in `Schedule`.
     """
 
     kinds: NDArray[np.uint8]

@@ -248,7 +248,7 @@ class _Checked:
         return FileReport(self.file, len(self.states), whole, damaged, never, self.fault)
 
     def damaged(self, shape: tuple[int, ...]) -> Iterator[DamagedFrame]:
-        """Yield the damaged frames; ``shape`` is that of the plan's grid of positions."""
+        """Yield the damaged frames; ``shape`` is the shape of the plan's grid of positions."""
         for slot in np.flatnonzero(self.states > State.NEVER_TAKEN).tolist():
             z, y, x = (int(k) for k in np.unravel_index(self.slots.flat[slot], shape))
             kind = Kind(int(self.slots.kinds[slot])).name.lower()

@@ -199,7 +199,7 @@ class RecordingJournal:
             raise StorageError(f"{self.path}: removed while recording; restore the folder, or start a new session")
 
     def records(self) -> NDArray[Any]:
-        """Return the records of all slots as stored, ``(count,)`` of type `RECORD`; those of empty slots are zeros."""
+        """Return the records of all slots as stored, ``(count,)`` of type `RECORD`; all zeros for empty slots."""
         data = read_at(self._descriptor, self.layout.count * RECORD.itemsize, self.layout.records_at, self.path)
         return np.frombuffer(data, RECORD).copy()
 

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 __all__ = ["CheckFrame", "RecordingSource", "TargetRecording", "read_checks", "sampled_references"]
 
 SAMPLED = 32
-"""Largest number of reference frames of a recording that are read to know the light of an earlier run."""
+"""Largest number of reference frames of a recording that are read to determine the light of an earlier run."""
 
 
 @dataclass(frozen=True)
@@ -342,11 +342,11 @@ def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:
 class CheckFrame(NamedTuple):
     """A reference or control frame of a session.
 
-    ``kind`` distinguishes reference from control frames. The frame is compared with that of the planned ``position``
-    (z, y, x), from which the source is displaced by ``periods`` (y, x), in whole periods. ``elapsed_s`` is the time
-    since the start of its recording, without pauses (s). ``energy`` is the sum of all samples, including the background
-    (counts). ``origin`` is the (row, column) of the first pixel on the sensor (px), and ``frame`` contains the samples,
-    ``(rows, columns)``.
+    ``kind`` distinguishes reference from control frames. The frame is compared with the frame of the planned
+    ``position`` (z, y, x), from which the source is displaced by ``periods`` (y, x), in whole periods. ``elapsed_s`` is
+    the time since the start of its recording, without pauses (s). ``energy`` is the sum of all samples, including the
+    background (counts). ``origin`` is the (row, column) of the first pixel on the sensor (px), and ``frame`` contains
+    the samples, ``(rows, columns)``.
     """
 
     kind: Kind

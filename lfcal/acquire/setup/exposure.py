@@ -25,7 +25,7 @@ def suggest_exposure(
 ) -> float | None:
     """Return the exposure time (s) at which the peak is at the fraction ``target`` of the range above black.
 
-    ``peak`` is the highest sample (counts) of a frame exposed for ``exposure_s`` (s). The range is that from
+    ``peak`` is the highest sample (counts) of a frame exposed for ``exposure_s`` (s). The range extends from
     ``black_level`` to ``max_value`` (counts).
 
     The result is None if the frame shows no light or is saturated, because its brightness is then unknown.

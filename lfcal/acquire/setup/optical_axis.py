@@ -165,8 +165,8 @@ def _places(plan: ScanPlan, planes: list[int]) -> NDArray[np.float64]:
     """Return object points (right, down, away) ``(K, 45, 3)`` (µm): nine at each of five places of the sensor.
 
     The places are the centre and four points around it. The nine positions are a third of a period apart, so that the
-    first harmonics of the lenslets' pattern cancel. These would displace centroids by more than the change of
-    magnification.
+    first harmonics of the lenslets' pattern cancel. The harmonics would displace centroids by more than the change
+    of magnification does.
     """
     ny, nx = plan.period
     rows, columns = (size // 4 // n * n for size, n in zip(plan.camera.sensor.shape, (ny, nx), strict=True))

@@ -45,7 +45,7 @@ __all__ = ["STAGE", "StageCheck", "iter_stage_check"]
 R = TypeVar("R")
 
 STAGE = "stage check"
-"""Label of the check's progress; its last note contains those of `StageCheck`."""
+"""Label of the check's progress; its last note contains the notes of `StageCheck`."""
 STILL, VISITS = 3, 5
 """Exposures without a move, and visits of the middle of the cell: they show the scatter without and with moves."""
 REPEAT_PX = 0.25
@@ -161,7 +161,8 @@ def iter_stage_check(
 class _Looks(NamedTuple):
     """Measurements in one plane: read-back (µm), centroid (row, column) and spread (pixels) at each position.
 
-    ``visits`` contains all centroids at the middle, ``still`` those without a move, and ``frame`` its cutout.
+    ``visits`` contains all centroids at the middle of the cell, ``still`` the centroids there without a move, and
+    ``frame`` the cutout there.
     """
 
     stage: NDArray[np.float64]
@@ -228,7 +229,7 @@ class _NoSpot(InputError):
 
 
 class _Watch:
-    """Take frames at positions one after the other, and again after a temporary fault."""
+    """Frames that are taken at positions one after the other, and again after a temporary fault."""
 
     def __init__(self, looker: Looker, plan: ScanPlan, options: Options, control: Control) -> None:
         self._looker, self._plan, self._options, self._control = looker, plan, options, control
@@ -240,7 +241,7 @@ class _Watch:
         self._z, self._visits = z, visits
 
     def looks(self, places: NDArray[np.float64], clock: Clock) -> Work[_Looks]:
-        """Return the measurements at ``places`` ``(5, 3)``; the first position is visited again between the others."""
+        """Return the measurements at ``places`` ``(5, 3)``, returning to the first place if it has several visits."""
         order = [0] + [k for corner in range(1, 5) for k in ((corner, 0) if self._visits > 1 else (corner,))]
         stage, still = np.zeros((5, 3)), np.zeros((0, 2))
         seen: list[list[Spot]] = [[] for _ in places]

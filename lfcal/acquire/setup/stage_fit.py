@@ -286,7 +286,7 @@ def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
 def room(plan: ScanPlan) -> NDArray[np.intp]:
     """Return by how many whole periods a cutout can move on the sensor, ``((up, left), (down, right))``.
 
-    It is the cutout at the middle of the period, in the first plane.
+    The cutout is the one at the middle of the period, in the first plane.
     """
     image, factors = plan.image_px([0, *(n // 2 for n in plan.period)]), np.array(plan.resample_factors)
     half, size = (np.array(plan.cutout) - 1) / 2 / factors, np.array(plan.camera.sensor.shape)
@@ -337,9 +337,10 @@ def places_about(
 ENOUGH = 0.1
 """Largest error of the depth scale at which the change of magnification is used."""
 GROWTH_OFF, SPREAD_OFF, SPREAD_NOTED = 0.05, 1 / 3, 0.06
-"""Deviations of the depth scale that are refused (by growth, by spread), and one of the spread that is noted.
+"""Deviations of the depth scale that are refused (by growth, by spread), and one (by spread) that is only noted.
 
-The first depends on the working distance of the lens too, the others on how the source fills the aperture.
+The scale by growth also depends on the working distance of the lens, the scale by spread on how the source fills the
+aperture.
 """
 STILL = 0.2
 """Fraction of the expected movement below which a depth axis is reported not to move."""

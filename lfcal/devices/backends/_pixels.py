@@ -1,9 +1,9 @@
 """Pixel formats of GenICam cameras, and the samples in their buffers.
 
-Names and layouts are those of the GenICam Pixel Format Naming Convention (PFNC). Formats such as ``Mono12p`` are one
+Names and layouts follow the GenICam Pixel Format Naming Convention (PFNC). Formats such as ``Mono12p`` are one
 stream of bits, least significant first. ``Mono12Packed`` is the older layout of GigE Vision: two pixels in three
-bytes. The outer bytes are their high bits; the middle byte contains the low bits of the first pixel, and above them
-those of the second.
+bytes. The outer bytes contain the high bits of one pixel each; the middle byte contains the low bits of the first
+pixel, and above them the low bits of the second.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class PixelFormat:
         """Decode ``data``, the bytes of a buffer, into a new array of samples of ``shape`` (rows, columns).
 
         A line of packed pixels may begin in the middle of a byte. Lines begin at a new byte if ``padding`` bytes
-        follow each line, or if the size of the buffer is that of such lines.
+        follow each line, or if the buffer has the size of such lines.
 
         Raises
         ------

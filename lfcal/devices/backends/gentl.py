@@ -31,7 +31,7 @@ __all__ = ["BACKEND", "GenTLBackend"]
 
 FREE_RUNNING_DISCARD = 2
 NOT_AVAILABLE, WRITE_ONLY = 1, 2
-"""Access modes of GenApi; features below the first are not available, and above the second are readable."""
+"""Access modes of GenApi: features up to the first are not available, and features above the second are readable."""
 INSTALL = 'run pip install "lfcal[acquire]"'
 
 

@@ -291,7 +291,7 @@ class _Camera(CameraFacts):
         return read_settings(self._off, self._noted, self._read)
 
     def close(self) -> None:
-        """Unload all devices of the core, or restore those of a running one."""
+        """Unload all devices of the core, or restore the settings of a running core."""
         self._pool.shutdown(wait=False, cancel_futures=True)
         # a reset during a hanging frame would also hang
         if self._pending is None or self._pending.done():
@@ -376,7 +376,7 @@ class _Shutter:
 
 
 def _settings_of(core: Any, label: str) -> tuple[dict[str, str], list[str]]:
-    """Return the properties of a camera that change pixel values, with their values for off, and those to record."""
+    """Return the properties of a camera that change pixel values, with their values for off, and names to record."""
     wanted: dict[str, str] = {}
     noted = []
     for key in core.getDevicePropertyNames(label):

@@ -1,7 +1,7 @@
 """A simulated camera and stage.
 
 - ``backend``: the backend, and `simulated_rig` for scripts and tests
-- ``_camera``, ``_stage``: the devices; ``_optics``: the light that reaches the sensor, ``_targets``: that of many
+- ``_camera``, ``_stage``: the devices; ``_optics``: the light that reaches the sensor; ``_targets``: the light of many
   points
 - ``faults``: faults that can be injected
 """

@@ -28,11 +28,11 @@ WARM = 60 / 4095
 """Rise of the dark level (fraction of the range)."""
 DIMMED = 0.7
 CLAMPED = 0.1
-"""Fractions that remain of the lamp's light and of the exposure during faults of these."""
+"""Fractions that remain of the lamp's light and of the exposure during the faults that reduce them."""
 
 FIXED = {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": "1"}
 AUTOMATIC = {"ExposureAuto": "Continuous", "GainAuto": "Continuous", "Gamma": "2.2"}
-"""Values of settings of the camera with which samples are proportional to light, and if they stay automatic."""
+"""Settings of the camera, with values that keep samples proportional to light, and with automatic values."""
 PEAK = 0.7
 """Level of the brightest pixel with automatic exposure and gain (fraction of the range above black)."""
 
@@ -156,7 +156,7 @@ class SimCamera:
 
     @property
     def optics(self) -> str:
-        """How the light is computed; a session records it, and real cameras do not have this attribute."""
+        """Method by which the light is computed; a session records it, and real cameras lack this attribute."""
         return self._renderer.optics if isinstance(self._renderer, Rendered) else type(self._renderer).__name__
 
     @property

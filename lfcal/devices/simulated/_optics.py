@@ -23,7 +23,7 @@ __all__ = ["FramesRenderer", "PatternRenderer", "chosen_effects", "lit", "simula
 
 
 LIT_S = 0.02
-"""Exposure (s) at which the brightest plane has its peak: that of a new plan."""
+"""Exposure (s) of a new plan, at which the brightest plane reaches its intended peak."""
 
 TOLERANCE = 0.01
 """Relative L1 error of simulated optics with effects; with 5 %, a fit of 24 frames reported an incomplete model."""
@@ -32,7 +32,7 @@ OFF_PLANE_PX = 0.5
 """Change of the radius of the aperture's shadow above which a source is not in a plane of the plan."""
 
 GRID_TOLERANCE = 0.003
-"""The same at level ``grid``, because a fit of many frames detects errors far below the noise of one."""
+"""Relative L1 error at level ``grid``, because a fit of many frames detects errors far below the noise of one frame."""
 
 
 def lit(plan: ScanPlan) -> ScanPlan:
@@ -168,7 +168,7 @@ class FramesRenderer:
         return LightPatch(top + shift[0], left + shift[1], light * np.float32(exposure_s / plan.exposures[z]))
 
     def _off_plane(self, depth_um: float, z: int) -> bool:
-        """Return whether the image differs from that of the plane: its shadow differs in size by `OFF_PLANE_PX`."""
+        """Return whether the image differs from the image of plane ``z``: in shadow size by over `OFF_PLANE_PX`."""
         camera = self._plan.camera
         there, planned = (half_extent_px(camera, depth) for depth in (depth_um, self._plan.depths_um[z]))
         return abs(there - planned) > OFF_PLANE_PX
@@ -183,7 +183,7 @@ class FramesRenderer:
 
 
 def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRenderer:
-    """Return the plenoptic camera of ``plan``, simulated at ``level``, with ideal optics or those of a file.
+    """Return the plenoptic camera of ``plan``, simulated at ``level``, with ideal optics or with effects.
 
     The result is free of noise; `SimCamera` adds the noise of the sensor. The brightest pixel reaches 80 % of the full
     well in 20 ms, whatever the exposures of the plan. ``level`` is ``"auto"``, ``"geometric"``,

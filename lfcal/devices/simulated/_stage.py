@@ -87,7 +87,7 @@ class SimStage:
     time, model, faults
         Clock, motion, and faults.
     slip_um
-        Displacement of the source along x for an encoder fault; half of it for lost steps (µm).
+        Displacement of the source along x during an encoder fault; lost steps displace it twice as far along y (µm).
     """
 
     name = "simulated stage"

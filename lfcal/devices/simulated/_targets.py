@@ -22,7 +22,7 @@ TOLERANCE = 0.05
 """Relative L1 error of the optics of a hole; a frame shows tens or hundreds of holes."""
 
 SAME_PX = 0.01
-"""Largest distance of the stage from its target (pixels in the image)."""
+"""Largest distance of the stage from an offset at which its points are shown (pixels in the image)."""
 
 
 class TargetPattern:
@@ -33,7 +33,7 @@ class TargetPattern:
     plan
         Camera, period and depths.
     target
-        The target; the stage position is that of its middle.
+        The target; the stage position is the position of its middle.
     brightness
         Relative light of each hole ``(n,)``, in the order of `Target.holes`.
     """
@@ -101,7 +101,7 @@ class TargetRenderer:
 
 
 class SwitchedRenderer:
-    """Display in front of the camera; at the stage position of an offset, it shows all points lit at this offset.
+    """Display in front of the camera; at the stage position of frame ``k``, it shows all points lit in frame ``k``.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class SwitchedRenderer:
         return self._target.optics if isinstance(self._target, Rendered) else ""
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
-        """Return the light of the frame whose offset is at the stage position; elsewhere that of the target alone."""
+        """Return the light of the frame whose offset is at the stage position; else, of the target alone."""
         z = int(np.argmin(np.abs(np.array(self._plan.scan.depths_um) - source_um[2])))
         away = np.abs(self._offsets[z] - np.array(source_um[:2])).max(axis=1)
         step = self._plan.scan.camera.step_um(self._plan.scan.depths_um[z])

@@ -235,7 +235,7 @@ class SimGauge:
     fault
         Kind of the fault, one of `lfcal.devices.simulated.faults.GAUGE_FAULTS`.
     faults
-        Faults to inject; those of other kinds are ignored.
+        Faults to inject; faults of other kinds are ignored.
     """
 
     def __init__(

@@ -98,7 +98,7 @@ def parse_faults(text: str) -> list[DeviceFault]:
 class FaultSchedule:
     """Schedule of the faults of one device: it counts the device's calls and decides which faults occur.
 
-    Of the given ``faults``, those of kinds other than ``kinds`` are ignored.
+    The ``faults`` of kinds other than ``kinds`` are ignored.
     """
 
     def __init__(self, faults: Iterable[DeviceFault], kinds: tuple[str, ...]) -> None:

@@ -32,11 +32,11 @@ STEPS = 1.1
 """Ratio of differences across blocks to those within blocks that is reported."""
 
 OTHERS = (5, 6, 7, 9, 10, 11)
-"""Periods (pixels) that no codec has, but with which the structure of lenslets repeats as well as with that of
+"""Periods (pixels) that no codec has, but with which the structure of lenslets repeats as well as with the period of
 blocks."""
 
 CLEARLY = 2.0
-"""Factor by which the difference across blocks must exceed that at any of those other periods."""
+"""Factor by which the difference across blocks must exceed the difference at each period of `OTHERS`."""
 
 LIT = 0.02
 """Fraction of the brightest light that a block needs for its finest structure to be informative."""

@@ -25,7 +25,7 @@ BANDS = (0.01, 0.05)
 samples divided by a white image."""
 
 CROWDED = 4.0
-"""Ratio of the number of samples at a ceiling to that in the band below."""
+"""Ratio of the number of samples at a ceiling to the number of samples in the band below."""
 
 FEW = 12
 """Smallest number of samples at a ceiling."""

@@ -30,7 +30,7 @@ ODD = 0.25
 
 
 def _gains(evidence: Evidence) -> tuple[F8, F8]:
-    """Return the light of each pattern relative to that of its plane, minus 1, and its standard deviation."""
+    """Return the light of each pattern relative to the light of its plane, minus 1, and its standard deviation."""
     values, sigmas = evidence.column("gain")
     out, errors = np.zeros(len(values)), np.full(len(values), np.inf)
     for z in np.unique(evidence.index[:, 0]):
@@ -44,7 +44,7 @@ def _gains(evidence: Evidence) -> tuple[F8, F8]:
 def _amid(evidence: Evidence) -> tuple[F8, F8]:
     """Return the light of each pattern relative to the middle of its plane's range, minus 1, and its sigma.
 
-    Where light jumps in all planes, the median of a plane is that of the side on which more patterns were compared.
+    Where light jumps in all planes, the median of a plane follows the side on which more patterns were compared.
     """
     gains, sigmas = _gains(evidence)
     for z in np.unique(evidence.index[:, 0]):

@@ -201,7 +201,7 @@ def _to_power(light: F4, exponent: float, peak: float) -> F4:
 
 
 def _mean(values: F8, sigmas: F8) -> tuple[float, float]:
-    """Return the weighted mean and its standard deviation, which is that of the scatter if this is larger."""
+    """Return the weighted mean and its standard deviation; the latter from the scatter if this gives a larger one."""
     good = np.isfinite(sigmas)
     weight = 1 / np.square(sigmas[good])
     mean = float((weight * values[good]).sum() / weight.sum())

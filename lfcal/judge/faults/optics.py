@@ -42,7 +42,7 @@ TURNS = 3
 """Number of iterations for the light of types."""
 
 DIM = 0.03
-"""Relative difference between the light of a lens type and that of the others above which it is reported."""
+"""Relative difference between the light of a lens type and the light of the others above which it is reported."""
 
 
 VIEWS: dict[str, Callable[[F4], F4]] = {
@@ -207,7 +207,7 @@ class TypeLight(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for the lens type whose light differs most from that of the others, if this is significant."""
+        """Yield a fault for the lens type whose light differs most from the light of others, if this is significant."""
         types = len(evidence.plan.camera.lattice.types)
         if types < 2:
             return

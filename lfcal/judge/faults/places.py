@@ -19,7 +19,7 @@ F8 = NDArray[np.float64]
 def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
     """Return the fraction of the light (relative L1) that changes if a parameter in ``names`` changes by ``amount``.
 
-    The names are those of `COLUMNS` after the first two, and ``amount`` is in their unit. The result is the mean over
+    The names are names of `COLUMNS` after the first two, and ``amount`` is in their unit. The result is the mean over
     the names.
     """
     light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
@@ -48,7 +48,7 @@ def only_recorded(positions: NDArray[np.intp]) -> PutIn:
 def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> FaultPicture:
     """Return ``values`` ``(n,)`` of the patterns as a map over the positions of the plane in which they vary most.
 
-    ``unit`` and ``title`` are those of the values. Positions without a pattern are NaN.
+    ``unit`` and ``title`` are the unit and the title of the values. Positions without a pattern are NaN.
     """
     z = evidence.index[:, 0]
     worst = max(np.unique(z).tolist(), key=lambda k: float(np.ptp(values[z == k])))

@@ -50,7 +50,7 @@ LEFT = 0.02
 """Misfit above which lens types are tried; a smaller one rules out a type that is out of focus."""
 
 STEP = 0.01
-"""Change of a focal length for its derivative."""
+"""Relative change of a focal length from which the derivative with respect to it is computed."""
 
 ROUNDS, NEAR = 6, 0.001
 """Largest number of iterations for the change of a focal length, and the step above which another one is needed."""

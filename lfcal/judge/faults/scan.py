@@ -21,7 +21,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 FLOOR_PX = 0.004
-"""Smallest error of displacements, which is that of the model (pixels)."""
+"""Error of the model, which is the smallest error of displacements (pixels)."""
 
 WORTH_PX = 0.05
 """Displacement of sources at the edge of the period above which it is reported (pixels)."""

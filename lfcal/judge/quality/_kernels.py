@@ -53,7 +53,7 @@ def frame_pass(
     frames
         Patterns ``(nx, nt, ns)``.
     bits
-        The same bytes as ``uint32``.
+        Bytes of ``frames`` as ``uint32``.
     floor
         Threshold of lit pixels; the weight of a pixel is its excess.
     tolerance

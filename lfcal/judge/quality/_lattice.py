@@ -90,9 +90,9 @@ def wave_vectors(
 ) -> NDArray[np.float64]:
     """Return the wave vectors of the lenslet lattice, ``(2 or 3, 2)`` as (x, y) (rad per pixel of H).
 
-    With a camera, they are those of its lattice, unrounded, at ``scale`` (rows, columns) pixels of H for each sensor
-    pixel. Without a camera, they follow from the period: hexagonal if one side is sqrt(3) times the other (three
-    types if x is the longer side), else rectangular.
+    With a camera, they are the wave vectors of its lattice, unrounded, at ``scale`` (rows, columns) pixels of H for
+    each sensor pixel. Without a camera, they follow from the period: hexagonal if one side is sqrt(3) times the other
+    (three types if x is the longer side), else rectangular.
     """
     ny, nx = period
     if camera is not None:
@@ -170,7 +170,7 @@ def find_spots(
     floor
         Threshold of lit pixels.
     waves
-        See `wave_vectors`.
+        Wave vectors of the lattice; see `wave_vectors`.
     diameter_px
         Diameter of the pattern (pixels).
     workers

@@ -75,7 +75,7 @@ def periodicity(
     Parameters
     ----------
     control_frames
-        Dark-subtracted patterns, cut out around the source's image as those of H, ``(n, nt, ns)``.
+        Dark-subtracted patterns, cut out around the source's image like the patterns of H, ``(n, nt, ns)``.
     positions
         Position (row, column) of the source's image on the sensor in each frame (px), ``(n, 2)``.
     plane

@@ -129,7 +129,7 @@ def measure_positions(
     workers
         Number of threads. None: all processors.
     cut_off
-        Whether the cutouts contain only a part of the patterns, whose centroid is not that of the source.
+        Whether the cutouts contain only a part of the patterns, so that their centroids do not follow the source.
     """
     turned = turned_frames(table, use)
     if turned != AS_IS:

@@ -117,7 +117,7 @@ def edge_light(
     shown
         Depth-plane sum ``(nt, ns)``.
     noise
-        Noise of its pixels.
+        Standard deviation of the noise of a pixel of ``shown``.
     expected
         Expected light in the depth-plane sum, in any unit; see `lfcal.judge.quality._expected.expected_sum`.
     """

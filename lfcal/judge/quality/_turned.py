@@ -14,7 +14,7 @@ WHOLE = 0.8
 """Fraction of the highest typical energy above which a pattern is not cut off; the centroid of a cut-off one lags."""
 
 FAR = 0.9
-"""Largest distance of the motion from that of an orientation; it is 1.4 for all if the image does not move."""
+"""Largest distance of the motion from the motion of an orientation; if the image does not move, it is 1.4 for all."""
 
 
 def move_matrix(table: PatternTable, use: NDArray[np.bool_]) -> NDArray[np.float64] | None:

@@ -28,13 +28,13 @@ MOST_STEP = 0.2
 """Largest difference (1 - correlation) of neighbouring planes that is taken into account."""
 
 MOST_NOISE, CLEARLY = 3.0, 6.0
-"""Largest difference of two recordings of one depth, and smallest of two depths, relative to that of noise alone."""
+"""Largest difference of recordings of one depth, and smallest of two depths, relative to the difference by noise."""
 
 SAME_NOISE, IDENTICAL = 0.05, 1e-12
-"""Difference of one recording that was stored twice: relative to that of noise alone, and without noise."""
+"""Largest difference of a recording that was stored twice: relative to the difference by noise, and without noise."""
 
 CLEAR = 4.0
-"""Ratio of a sum's second moment to that of the lenslets above which the size of the shadow can be determined."""
+"""Ratio of the second moments of a sum and of the lenslets above which the size of the shadow can be determined."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,8 +144,8 @@ def shadow_sizes(
     A ray through the iris reaches the sensor at the position r = P (1 - 1/v) - e B/f. Here P is a point of the shadow
     in the plane of the lenslets, e a point of a lenslet, v the virtual depth, B the distance from the lenslets to the
     sensor, and f the focal length of the lenslets. Over a full period of the lattice, P and e are distributed
-    independently. The second moment of a depth-plane sum is therefore that of the shadow (D²/8 for a disc of diameter
-    D) plus that of the lenslets. The latter does not depend on depth.
+    independently. The second moment of a depth-plane sum is therefore the sum of the second moments of the shadow
+    (D²/8 for a disc of diameter D) and of the lenslets. The second moment of the lenslets does not depend on depth.
     """
     sizes = np.full(len(planes), math.nan)
     if camera is None:

@@ -1,8 +1,8 @@
-"""All metrics by name: those of `lfcal.judge.quality.metrics`, and those of other packages.
+"""All metrics by name: the metrics of `lfcal.judge.quality.metrics`, and the metrics of other packages.
 
-Costs are reconstruction errors (NRMSE relative to the ideal H). Those of scan order, dark planes, missing and
+Costs are reconstruction errors (NRMSE relative to the ideal H). The costs of scan order, dark planes, missing and
 misplaced frames, background, truncation, hot pixels and flicker come from reconstructions with the fault added to a
-simulated H. The others are estimates that rank their metrics among these.
+simulated H. The other costs are estimates that rank their metrics among these.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ LARGEST = 1.0
 """Error of a volume that has nothing in common with the true one, which is the largest possible error."""
 
 COUNTED = ("frames", "pixels", "planes")
-"""Units that are counted: one of them has no final s."""
+"""Units that are counted; for the value 1 they are written without the final s."""
 
 UNKNOWN = Reading()
 """Value of a metric that could not be measured; zero would mean a good value."""
@@ -102,7 +102,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """Model of the cost of a metric: the error (NRMSE) of a reconstruction, relative to that with an ideal H.
+    """Model of the cost of a metric: the error (NRMSE) of a reconstruction, relative to one with an ideal H.
 
     Attributes
     ----------
@@ -176,11 +176,11 @@ class MetricSpec:
         Display of the metric: a map over positions, a curve over planes, the depth-plane sum, or only an entry in the
         table.
     map_unit
-        Unit of the value of one position, if it differs from that of the overall value.
+        Unit of the value of one position, if it differs from the unit of the overall value.
     always_shown
         Whether a report draws the map of the metric even if the value is good.
     overall
-        Calculation of the overall value from those of the planes: ``"worst"`` or ``"sum"``.
+        Calculation of the overall value from the values of the planes: ``"worst"`` or ``"sum"``.
     redo
         Whether the affected positions should be recorded again.
     verdict_detail

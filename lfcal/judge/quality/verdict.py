@@ -73,7 +73,7 @@ def where(positions: Sequence[Sequence[int]], frames: int) -> str:
 
 
 def counted(metrics: Iterable[Metric]) -> dict[str, int]:
-    """Return the number of metrics with each rating, and of those that do not apply.
+    """Return the number of metrics with each rating, and the number of metrics that do not apply.
 
     The keys are ``"bad"``, ``"fair"``, ``"good"``, ``"unknown"`` and ``"not_applicable"``.
     """

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["PageBlock", "blocks", "iter_pages", "pdf"]
 
 WIDTH, HEIGHT = 8.27, 11.69
-"""A4 (inches)."""
+"""Width and height of a page, A4 (inches)."""
 
 SIDE, TOP, BOTTOM = 0.75, 0.7, 0.75
 """Margins (inches)."""
@@ -227,7 +227,7 @@ def iter_pages(content: Sequence[PageBlock]) -> Iterator[Figure]:
 
 
 def _together(rest: Sequence[PageBlock]) -> float:
-    """Return the height of the first block and of those that must be on the same page (inches)."""
+    """Return the height of the first block and of all blocks that must be on the same page (inches)."""
     total = 0.0
     for one in rest:
         total += one.height()
@@ -237,7 +237,7 @@ def _together(rest: Sequence[PageBlock]) -> float:
 
 
 def _put(fig: Figure, block: PageBlock, y: float) -> float:
-    """Draw a block at the distance ``y`` from the top of the page (inches); return that of the next block."""
+    """Draw a block at the distance ``y`` (inches) from the top of the page; return the distance of the next one."""
     y += block.gap
     step = 1.3 * block.size * POINT
     columns = block.lines()

@@ -62,7 +62,7 @@ SAME = 0.01
 """Difference (NRMSE) below which two H agree."""
 
 OTHER_UNITS = 10.0
-"""Scale between two H above which their values have different units: counts, and fractions of the light."""
+"""Scale between two H, or its inverse, from which their values have different units, such as counts and fractions."""
 
 MOST_PERCENT = 1000.0
 """Difference (%) above which no number is stated, because it shows only that the scales differ."""
@@ -97,7 +97,7 @@ def compared_words(found: Comparison) -> str:
 
 
 def figure_rows(found: Comparison) -> list[tuple[str, ...]]:
-    """Return table rows with `COLUMNS`: the differences over all planes, then those of each plane.
+    """Return table rows with `COLUMNS`: the differences over all planes, then the differences of each plane.
 
     Each of these rows is followed by one row for the lenslets of each type.
     """
@@ -224,7 +224,7 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
 
 
 def _patterns(found: Comparison) -> ReportPicture:
-    """Draw the positions that differ most: A, B at A's light, and their difference."""
+    """Draw the positions that differ most: the pattern of A, that of B at equal light, and their difference."""
     places = found.worst(SHOWN)
     first, second = names(found)
     with figure(9.3, 0.4 + 2.7 * max(1, len(places))) as fig:

@@ -12,7 +12,7 @@ from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, R
 __all__ = ["METRICS"]
 
 ODD = Limits(good=2.5, bad=4.0)
-"""Change of a frame to its neighbours relative to the typical one; bad frames are listed."""
+"""Limits of the change of a frame to its neighbours, relative to the typical change; bad frames are listed."""
 
 
 def _missing(plane: PlaneMeasures) -> Reading:

@@ -1,4 +1,4 @@
-"""Saturated pixels: as counted when the frames were read, else suspected from the values."""
+"""Saturated pixels: counted when the frames were read, or else suspected from the values."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ __all__ = ["METRICS"]
 LIMITS = Limits(good=2, bad=10)
 
 NEAR_TOP, RAREST = 0.85, 1.05
-"""Fraction of the highest value above which values show how rare higher ones are, and the smallest ratio of both counts
-that shows it."""
+"""Fraction of the highest value above which values are counted, and the smallest ratio of this count to the count of
+saturated pixels that is used. The ratio shows how quickly values become rarer."""
 
 FARTHEST = 0.35
 """Largest fraction of the top by which light exceeds it on average; exposures are rarely more wrong."""
@@ -34,9 +34,9 @@ def _saturation(plane: PlaneMeasures) -> Reading:
 
 
 def _lost(plane: PlaneMeasures, counts: NDArray[np.float64]) -> float:
-    """Return the light above the range of the sensor as a fraction of that of the plane (relative L2); NaN: unknown.
+    """Return the light above the range of the sensor relative to the light of the plane (L2); NaN: unknown.
 
-    Values near the top become exponentially rarer, and the same is assumed for those above it.
+    Values near the top become exponentially rarer, and the same is assumed for values above it.
     """
     many = counts[counts > 0]
     power = float(plane.table.column("squares").sum())
