@@ -30,7 +30,7 @@ def _version(value: bool) -> None:
 
 
 class _Commands(LazyGroup):
-    """All commands."""
+    """Group of all commands."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)

@@ -363,7 +363,10 @@ def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, da
 def _views(
     light: NDArray[Any], weights: NDArray[Any] | None, fit: FrameLattice, cells: Any, filter: str | None, *, axes: str
 ) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Return the views and, for pixels with weights, their deviation; ``cells``: views along a side, or a mask."""
+    """Return the views and, for pixels with weights, their deviation.
+
+    ``cells`` is the number of views along a side, or the mask that is used instead of lenslets.
+    """
     from lfcal import multiplex as m
 
     through_mask = isinstance(cells, m.Modulator)

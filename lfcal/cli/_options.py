@@ -61,7 +61,7 @@ WorkersOption: TypeAlias = Annotated[
 ]
 
 ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
-"""Option to replace existing files; without it, a command that finds one ends at once (see `lfcal.tasks.outputs`)."""
+"""Option to replace existing files; without it, a command ends before its work if a file exists (`check_outputs`)."""
 
 MatOrderOption: TypeAlias = Annotated[
     str,
@@ -120,7 +120,7 @@ PresetOption: TypeAlias = Annotated[
 GainOption: TypeAlias = Annotated[
     float, typer.Option("--gain", help="Amplifier gain as a factor: full scale is the full well divided by the gain.")
 ]
-"""Gain at which the full well and the read noise of a camera are compared."""
+"""Option for the amplifier gain at which the full scale and the noise of the sensor are computed."""
 
 ExposureOption: TypeAlias = Annotated[
     float, typer.Option("--exposure", min=0, help="Exposure time (s), for the dark current.")

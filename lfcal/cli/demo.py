@@ -1,4 +1,4 @@
-"""``lfcal demo``: run the main workflow from end to end on the recorded sample session."""
+"""``lfcal demo``: run the main workflow from end to end on the sample session."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def show(made: tuple[InspectedMatrix, ...]) -> None:
 
 
 def _show(one: InspectedMatrix) -> None:
-    """Print the verdict, the checks that are not good, a line for all others, and the comparison."""
+    """Print the verdict, the faults, the checks that are not good, the number of all, and the comparison."""
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits
     from lfcal.psf import computed_words

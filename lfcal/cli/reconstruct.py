@@ -15,13 +15,13 @@ TESTED = (
     "In tests, 95 % intervals contained the true value for 94 to 98 % of bright voxels and 91 to 98 % of sums over "
     "regions."
 )
-"""What a reader of error bars should know."""
+"""Note on error bars that were computed with the tested settings."""
 
 UNTESTED = "Intervals were tested only with 60 iterations of rl-nesterov, at least 10 replicates and a contrast of 0.9."
-"""What a reader of error bars from other settings should know."""
+"""Note on error bars that were computed with other settings."""
 
 EXACT = "H is assumed to be exact, apart from its recorded noise. If it was fitted, name the folder of the fit (--fit)."
-"""A limitation of results without the uncertainty of H."""
+"""Note on error bars that do not include the uncertainty of the fit of H."""
 
 
 def show(made: tuple[Reconstructed | ReconstructedBars | FittedFeatures | ReconstructionForecast, ...]) -> None:
@@ -59,7 +59,7 @@ def amount(value: float) -> str:
 
 
 def _show_bars(made: ReconstructedBars) -> None:
-    """Print the files, the sums over regions, and what is known about the method."""
+    """Print the files, the sums over regions, and notes on the validity of the error bars."""
     bars = made.bars
     for note in bars.notes:
         report(f"note: {note}")

@@ -59,7 +59,7 @@ def _show_run(folder: Path, state: RunState) -> None:
 
 
 def _session_facts(folder: Path, session: SessionFile) -> dict[str, Any]:
-    """Return the frames of a session that are safe, how its last run ended, and which process records it now."""
+    """Return facts about a session for JSON, such as the number of safe frames and how its last run ended."""
     from lfcal.acquire import LiveCoverage
     from lfcal.acquire.recording import holder_of
 

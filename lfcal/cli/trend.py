@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lfcal.judge import CoursePoint, DatedInspection, Trend
 
 SIGMAS = 5.0
-"""Standard deviations beyond which a parameter has moved."""
+"""Default number of standard deviations above which a change of a parameter is reported."""
 
 SHOWN = 5
 """Largest number of sessions in the table, the newest ones."""

@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GivenLattice:
-    """Options for the lattice: a white image, with kind and nominal pitch (px) for the fit, or a lattice file.
+    """Options for the lattice: a white image, a lattice file, and the kind and nominal pitch (px) for a fit.
 
-    If the kind is empty, it is that of the camera or is detected. If the pitch is 0, it is detected.
+    The lattice is fitted to the white image only if there is no file. A kind that is empty is that of the camera or is
+    detected; a pitch of 0 is detected.
     """
 
     white: Path | None

@@ -104,7 +104,7 @@ def _check_discs(kind: str, pitch: float) -> None:
 
 
 def _discs(light: NDArray[Any], described: Camera, image: Path, out: Path | None, *, json: bool) -> None:
-    """Measure the centres of single lenslets, and write the camera with them."""
+    """Measure the centres of the lenslets of a Fourier light-field microscope, and write the camera with them."""
     from lfcal.lattice import fit_discs
 
     found, written = fit_discs(light, described), []
