@@ -246,7 +246,7 @@ def _compared(made: LivePicture, predicted: NDArray[Any] | None) -> LivePicture:
 def age_words(
     seconds: float, frame_um: tuple[float, float, float], stage_um: tuple[float, float, float]
 ) -> tuple[str, bool]:
-    """Return the age of a frame as text, with its position (µm) if the stage has moved since, and whether it has."""
+    """Return the age of a frame as text, with its position (µm) if the stage has moved since, and whether it moved."""
     age = f"{seconds:.1f} s old" if seconds < 10 else f"{format_seconds(seconds)} old"
     if not max(abs(a - b) for a, b in zip(frame_um, stage_um, strict=True)) > SAME_UM:
         return age, False

@@ -497,7 +497,7 @@ class FitView(QWidget):
         self.rounds.show_rounds(rounds)
 
     def show_found(self, found: FoundFit, rounds: Sequence[FitProgress], note: str = "") -> None:
-        """Show the result of a fit; ``note`` states whether it is in use, and what changed since."""
+        """Show the result of a fit; ``note`` states whether the fit is in use, and what changed since."""
         if found is not self._found:
             self._found = found
             self.sums.setText(model_fit_run.chi2_words(found))

@@ -53,7 +53,7 @@ class HIntent:
     view: str = "both"
 
     def clamped(self, shape: tuple[int, int, int, int, int], *, reference: bool = True) -> HIntent:
-        """Return the intent with all indices inside ``shape``; without a ``reference``, none of its images is."""
+        """Return the intent with all indices inside ``shape``; without a ``reference``, it requests only H."""
         nz, ny, nx, nt, ns = shape
         z, y, x = (min(max(v, 0), n - 1) for v, n in zip((self.z, self.y, self.x), (nz, ny, nx), strict=True))
         pixel = self.pixel

@@ -76,7 +76,7 @@ BUTTONS = {
 HEADS = {
     "good": "✓ The white image agrees",
     "fair": "▲ The white image differs",
-    "bad": "▲ The white image contradicts the camera",
+    "bad": "▲ The white image disagrees",
 }
 """Headlines of the comparison with a white image."""
 
