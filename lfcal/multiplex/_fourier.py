@@ -51,7 +51,7 @@ def reconstruct_fourier(
     """Write the plenoptic samples of a frame to ``out`` ``(N, rows, columns)`` and return it.
 
     The spectrum of the samples is l-hat(w') = (Sigma-hat Pi^T)^+ c-hat(w') with Sigma-hat = F Sigma (equation 8). It is
-    zero-padded to the size of the output and inverse transformed, which corresponds to a sinc filter for every
+    zero-padded to the size of the output and inverse transformed; this corresponds to a sinc filter for every
     modulator (section 3.2). The frame must consist of complete super-pixels and is assumed to be periodic.
     """
     from scipy import fft

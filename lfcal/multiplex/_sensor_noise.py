@@ -91,7 +91,7 @@ class SensorNoise:
     Attributes
     ----------
     full_e
-        Signal at full scale (electrons), which unmodulated light reaches.
+        Signal at full scale (electrons), the signal of unmodulated light.
     additive_e2
         Signal-independent variance (electrons²) due to read noise, dark current, offsets and quantisation.
     prnu

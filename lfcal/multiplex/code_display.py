@@ -65,7 +65,7 @@ class DisplayFit:
 
     @property
     def words(self) -> str:
-        """One-line verdict; it states the required pixel pitch if that of the display is too large."""
+        """One-line verdict; it states the required pixel pitch if the pitch of the display is too large."""
         width = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
             met = f"positions are {self.step_um:.4g} µm apart and reached within {self.placing_px:.2g} px"

@@ -96,7 +96,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
 def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -> Modulator:
     """Return the modulator of a colour filter array over red, green and blue (Ihrke et al., section 4.1).
 
-    The matrix Sigma has one column for each kind of filter, which is 1 at the pixels with this filter. The matrix Pi
+    The matrix Sigma has one column for each kind of filter: 1 at the pixels with this filter, else 0. The matrix Pi
     contains the transmissions of the filters (see `Modulator`).
 
     Parameters

@@ -36,7 +36,7 @@ def demultiplex(
 
     The spatial route interpolates each measurement channel, that is, each pixel of the super-pixel, and decorrelates
     the channels at every position (Ihrke et al., theorem 1). The Fourier route crops and weights tiles of the spectrum
-    (theorem 2), which is equivalent to the spatial route with a sinc filter. Combinations of samples that are not
+    (theorem 2); it is equivalent to the spatial route with a sinc filter. Combinations of samples that are not
     measured become zero (see `Modulator.lost`).
 
     Parameters

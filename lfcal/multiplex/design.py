@@ -22,7 +22,7 @@ __all__ = ["Design", "best_array", "best_printed_mask", "with_crosstalk"]
 Array = NDArray[np.float64]
 
 MOST_TRIED = 200_000
-"""Largest number of candidates of `best_array`, which are all tried."""
+"""Largest number of candidates of `best_array`; all of them are tried."""
 
 BATCH = 4096
 

@@ -2,7 +2,7 @@
 
 With reciprocal vectors g of the lattice (cycles per pixel) a frame behind a periodic modulator is ``i(x) = sum_k exp(2
 pi i g_k x) c_k(x)`` (equations 5 to 7). Theorem 2 crops each ``c_k`` from the spectrum about ``g_k`` and brings it to
-zero frequency. Theorem 1 samples the frame at each pixel of the super-pixels, which may be between those of the sensor,
+zero frequency. Theorem 1 samples the frame at each pixel of the super-pixels, also between the pixels of the sensor,
 and interpolates. With a sinc filter, both are equal if the frame has no content between the tiles.
 """
 
@@ -245,7 +245,7 @@ def lattice_by_sinc(
 ) -> Array:
     """Return the samples ``(N, n)`` at positions ``places`` ``(n, 2)`` (row, column) by theorem 1 with a sinc filter.
 
-    The trigonometric polynomial through the frame is evaluated at each pixel of the super-pixels, which may be between
+    The trigonometric polynomial through the frame is evaluated at each pixel of the super-pixels, also between the
     sensor pixels. Each channel is interpolated to ``places`` with those frequencies of the frame that are in one cell
     of the reciprocal lattice, and the channels are decorrelated there. The number of operations for each channel is
     about the number of pixels of the frame times the number of super-pixels. ``rcond`` is as in `demultiplex_lattice`.

@@ -32,7 +32,7 @@ MASKS = ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
 MAX_SIZE = math.isqrt(MAX_SAMPLES)
 
 MAX_SHIFT_PX = 1e4
-"""Largest shift of the shadow from view to view (pixels), which limits the computing time."""
+"""Largest shift of the shadow from view to view (pixels); it limits the computing time."""
 
 
 def mask(kind: str, size: int) -> Modulator:
@@ -286,9 +286,9 @@ def mask_gain_bound(size: int, chi2: float) -> float:
 
     The bound follows from the N Fourier coefficients of a mask with N pixels and the mean transmission tau. The zeroth
     coefficient is N tau. The sum of squares of the others is at most N^2 tau (1 - tau), because transmissions are
-    between 0 and 1. The noise variance is proportional to the sum of the inverse squares of all coefficients, which is
-    smallest if all except the zeroth are equal; tau is then optimised. Masks based on cyclic difference sets reach this
-    bound if they have the optimal tau.
+    between 0 and 1. The noise variance is proportional to the sum of the inverse squares of all coefficients. This sum
+    is smallest if all except the zeroth are equal; tau is then optimised. Masks based on cyclic difference sets reach
+    this bound if they have the optimal tau.
 
     Parameters
     ----------

@@ -198,7 +198,7 @@ def pixel_variance(modulator: Modulator, chi2: float) -> Array:
 def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
     """Return the SNR gain (dB, at least 0) of the noise-optimal over the unweighted decorrelation in unmodulated light.
 
-    The noise is that of `pixel_variance` for ``chi2``, and the noise-optimal matrix that of `noise_optimal_inverse`.
+    The noise is as in `pixel_variance` for ``chi2``, and the noise-optimal matrix as in `noise_optimal_inverse`.
 
     Examples
     --------

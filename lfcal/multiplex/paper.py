@@ -213,7 +213,7 @@ def _acquired(camera: str, chi2: float | None, seed: int) -> PaperFigure:
 
 
 def _contrast(frame: Array, modulator: Modulator) -> Array:
-    """Return a magnified part of a frame divided by its mean over a super-pixel, which shows where views differ."""
+    """Return a magnified part of a frame divided by its mean over a super-pixel, to show where views differ."""
     from lfcal.base import cv2
 
     side = modulator.side[0]

@@ -141,7 +141,7 @@ def merits(
         Name or rows of the colour filter array; its colour error is computed if lfcal includes the curves of its
         filters. Empty: no colour error.
     filter
-        Filter of the reconstruction whose MTF is measured; default: that of `lfcal.multiplex.demultiplex`.
+        Filter of the reconstruction for the MTF. None: the default of `lfcal.multiplex.demultiplex`.
     most_entries
         Largest product of pixels and samples for which the MTF is measured. Above it, the measurement would take
         minutes and gigabytes.

@@ -194,7 +194,7 @@ class FeatureScene:
         return found
 
     def window(self, k: int, reach: float) -> Window:
-        """Return the pixels of feature ``k``: those of its voxels, and ``reach`` cutouts on each side."""
+        """Return the rows and columns that feature ``k`` covers, and ``reach`` cutouts more on each side."""
         patch = self.shapes[k].patch(1)
         found = []
         for axis in range(2):
@@ -225,7 +225,7 @@ class FeatureScene:
     ) -> Iterator[list[FeatureImages] | None]:
         """Yield None after each solution, and finally the products of ``columns`` with M^-1.
 
-        They are computed on the pixels of `window` with a reach of 1.5 cutouts, which are enough to predict the rest.
+        They are computed on the pixels of `window` with a reach of 1.5 cutouts; these are enough to predict the rest.
         """
         windows = [self.window(k, 1.5) for k in range(len(self.shapes))]
         images: list[list[F8]] = [[] for _ in self.shapes]

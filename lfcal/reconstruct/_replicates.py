@@ -122,7 +122,7 @@ class SampleNoise:
     ) -> SampleNoise:
         """Return the noise from the residual of ``image`` ``(Y, X)`` to its ``model``, both including the background.
 
-        A model that does not fit has a larger residual, and error bars increase. ``weights`` are those of the pixels.
+        A model that does not fit has a larger residual, and error bars increase. ``weights`` contains pixel weights.
         """
         valid = np.isfinite(image) & (weights > 0)
         if choice.saturation is not None:
@@ -199,7 +199,7 @@ class Replicates:
     def iter_run(
         self, clock: Clock, done: int, note: str, image: ArrayLike | None = None, P: Projector | None = None
     ) -> Work[Reconstruction]:
-        """Reconstruct an ``image`` (None: the frame) with ``P`` (None: that of the frame).
+        """Reconstruct an ``image`` (None: the frame) with ``P`` (None: the projector of the frame).
 
         The returned volume includes the margin. ``done`` is the number of iterations of earlier runs, for the records
         of ``clock``.

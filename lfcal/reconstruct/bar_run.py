@@ -216,7 +216,7 @@ def bar_units(
     changes: Path | None = None,
     box: RegionBox | None = None,
 ) -> tuple[Unit, list[Unit]]:
-    """Return the work unit of the volume, and the units of the replicates, which read the file of the volume.
+    """Return the work unit of the volume, and the units of the replicates; the latter read the file of the volume.
 
     The parameters are those of `iter_bars`; ``regions`` states whether there are regions.
     """
@@ -309,7 +309,7 @@ def _details(part: Path) -> dict[str, Any]:
 
 
 def _iter_runs(arguments: Mapping[str, Any], workers: int) -> Work[Replicates]:
-    """Read the frame, and prepare the projector, which the runs in a process share."""
+    """Read the frame, and prepare the projector; the runs in a process share the projector."""
     image = read_frame(Path(arguments["file"]), arguments["page"])
     choice = SolverChoice(**arguments["choice"])
     place = device_for(arguments.get("device", "cpu"), arguments.get("device_room"))

@@ -93,7 +93,7 @@ class RegionSum:
     sigma
         Standard uncertainty of the sum, from all causes.
     noise, h, object
-        Parts of `sigma`, which add up to it in quadrature: due to the noise of the frame, to errors of H, and to the
+        Parts of `sigma` that add up to it in quadrature: due to the noise of the frame, to errors of H, and to the
         object (the limited number of iterations, and what H cannot image).
     replicates
         Number of replicates that `sigma` is estimated from.

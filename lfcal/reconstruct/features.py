@@ -81,7 +81,7 @@ class Feature:
     brightness
         Sum over the voxels. None: unknown; the fit starts from that in the reconstructed volume.
     width
-        Standard deviation of the profile (voxels), which is then fixed. None: unknown; it is fitted.
+        Standard deviation of the profile (voxels); a given value remains fixed. None: unknown; it is fitted.
     end
         Row and column of the other end of a line. None: a bead.
     """

@@ -50,8 +50,8 @@ class Resampling:
     centre
         Position (row, column) of ``origin`` in the result (px).
     distortion
-        `LatticeDistortion` of the lattice in the frame, which the map removes; it applies to points (column, row) in
-        px. ``origin`` is then the centre in the undistorted lattice. None: an affine map.
+        `LatticeDistortion` of the lattice in the frame, for points (column, row) in px. The map removes it, and
+        ``origin`` is the centre in the undistorted lattice. None: an affine map.
 
     Examples
     --------

@@ -212,7 +212,7 @@ def _original(stored: Any, planes: int) -> NDArray[np.intp]:
 
 
 def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Open an OME-Zarr; return its full-resolution array, the metadata of the image, and those of lfcal.
+    """Open an OME-Zarr; return its full-resolution array, the metadata of the image, and the metadata of lfcal.
 
     The values of the array are not read. The metadata of lfcal are empty if there are none.
 

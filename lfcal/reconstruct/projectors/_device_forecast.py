@@ -117,8 +117,8 @@ def device_forecast(
 ) -> ProjectionForecast:
     """Return the fastest method on ``device``, with prepared planes stored there or moved for each projection.
 
-    ``memory_limit`` is that of the processor (bytes), for planes that do not fit on the device. If they do not fit
-    there either, they are prepared again in each projection.
+    ``memory_limit`` is the limit for the memory of the processor (bytes), which stores planes that do not fit on the
+    device. If they do not fit there either, they are prepared again in each projection.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class DeviceReduced(DeviceEngine):
 
     # -- steps -----------------------------------------------------------------------------------------
     def _at(self, spacing: float) -> tuple[Nodes, DeviceDirect, DeviceSparse]:
-        """Return nodes with this spacing, the engine of their patterns, and that of the additional entries."""
+        """Return nodes with this spacing, the engine of their patterns, and the engine of the additional entries."""
         if spacing not in self._tools:
             host, nodes = self.host, Nodes.of(self.grid.period, spacing)
             wider = replace(self.grid, cutout=nodes.widened(self.grid.cutout))

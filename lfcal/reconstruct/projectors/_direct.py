@@ -42,7 +42,7 @@ LEAST_RAMP = 4
 """Number of window rows below which a separate product costs more than it saves."""
 
 PARTS = 16
-"""Number of parts of a projection, which does not depend on the workers, so that sums are identical."""
+"""Number of parts of a projection; it does not depend on the workers, so that sums are identical."""
 
 
 Task = tuple[list[tuple[int, int]], slice]

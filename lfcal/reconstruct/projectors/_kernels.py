@@ -37,7 +37,7 @@ Nine arrays of this length, the sums and eight inputs, fit into the cache.
 
 
 class Tiling(NamedTuple):
-    """Place of the windows on the image: that of lattice cell (Y, X) starts at (row + Y period_y, X period_x)."""
+    """Place of the windows on the image; the one of lattice cell (Y, X) starts at (row + Y period_y, X period_x)."""
 
     row: int  # first image row of the cells in row 0 of the lattice
     cells_x: int  # cells per row of the lattice

@@ -239,7 +239,7 @@ class Projector:
             return self._quiet
 
     def with_new_noise(self, seed: int) -> Projector:
-        """Return a projector of H with additional random noise, of the same variance as that of its recorded patterns.
+        """Return a projector of H with additional random noise, of the same variance as the noise of recorded patterns.
 
         ``seed`` is the seed of the noise. The noise is reduced, like that of H, if this is a `denoised` projector. If
         the noise of H is unknown, this projector is returned.

@@ -1,4 +1,4 @@
-"""Removal of patterns that repeat from lenslet to lenslet near the native plane, which are mainly errors of H.
+"""Removal of patterns that repeat from lenslet to lenslet near the native plane; they are mainly errors of H.
 
 Near the native plane, each lenslet images the points behind it onto nearly the same pixels. A pattern that is the same
 behind all lenslets changes the frame there like a slightly wrong H. An error of H (vignetting, an aperture, a white

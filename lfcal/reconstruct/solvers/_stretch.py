@@ -1,4 +1,4 @@
-"""Lengthen the first updates of a reconstruction, which separates planes and details faster.
+"""Lengthen the first updates of a reconstruction, to separate planes and details faster.
 
 A multiplicative update is short because all planes explain the same light. In each iteration, a mode of a single plane
 converges only by about its fraction of the light. The common part of all planes, light that changes little over the

@@ -372,7 +372,7 @@ def _iter_to_noise(P: Projector, image: ArrayLike, run: SolverRun, choice: Solve
 def _iter_judged(
     work: SolverWork, P: Projector, image: ArrayLike, run: SolverRun, noise: tuple[float, float]
 ) -> SolverWork:
-    """Run ``work`` and add chi-square per pixel to its result, which needs one more projection."""
+    """Run ``work`` and add chi-square per pixel to its result; this needs one more projection."""
     result = yield from work
     gain, read_noise = noise
     data = replace(run, read_noise=read_noise).measure(P, image, signed=True)

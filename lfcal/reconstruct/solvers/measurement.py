@@ -114,8 +114,8 @@ class Measurement:
         background
             Expected image without light (counts), not negative; a number or ``(Y, X)``.
         read_noise
-            Rms of the Gaussian read noise (counts). Its square is added to image and background, which is the shifted
-            Poisson approximation of Snyder et al. 1995.
+            Rms of the Gaussian read noise (counts). Its square is added to image and background (the shifted Poisson
+            approximation of Snyder et al. 1995).
         signed
             Whether to keep negative values, for least squares; otherwise they are set to 0, and a note states how many.
         held_out
