@@ -46,12 +46,12 @@ OTHERS: dict[str, tuple[Any, ...]] = {
     "optics.blade_curvature": (0.0, 0.5, 1.0),
     "lattice.type_step": (1, 2),
 }
-"""Alternatives of each value."""
+"""Values to try, by path, for quantities that have no uncertainty."""
 
 OPTICS = (LensTypeDefocus(), IrisShape())
 
 KEPT = ("depths_um", "cutout", "anchor", "stage", "order", "exposure_s", "settle_s", "frames_averaged")
-"""Values of a plan that do not follow from the camera here."""
+"""Fields of a plan that stay the same if a value of the camera is changed."""
 
 PHASES = 3
 """Number of positions along each axis of the period at which patterns are compared."""

@@ -202,7 +202,7 @@ class _PassPlanes(PlaneSource):
         return None if z in self._errors else self.work.reopening(z, stored)
 
     def named(self, out: Path) -> str:
-        """Return the name of the pass in words."""
+        """Return the title of a run that writes ``out`` in this pass, for messages."""
         return f"{super().named(out)}, {self._name}"
 
     def close(self) -> None:

@@ -218,7 +218,7 @@ def check_applicable(camera: Camera, effects: Iterable[Effect]) -> None:
 
 
 def _pupil_scene(plan: ScanPlan, outlook: Outlook, halo: int) -> PupilScene:
-    """Return the scene behind single lenslets; their period, one pixel, is never resampled."""
+    """Return the scene of a Fourier light-field microscope, whose period of one pixel is never resampled."""
     assert isinstance(outlook, PupilOutlook)
     _, _, residual_y, residual_x = origin_of(plan)
     about, px = plan.lattice_anchor, plan.camera.sensor.pixel_um

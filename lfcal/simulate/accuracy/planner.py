@@ -319,7 +319,7 @@ class _Costs:
         return EngineSeconds(rays, seconds_within(self._steps[key], share))
 
     def _traits_of(self, effects: Iterable[Effect]) -> Traits | None:
-        """Return the traits of the scene with some effects; None behind single lenslets."""
+        """Return the traits of the scene with some effects; None for a Fourier light-field microscope."""
         chosen = tuple(effects)
         names = tuple(effect.name for effect in chosen)
         if names not in self._traits:
@@ -333,7 +333,7 @@ class _Costs:
         return self._traits[names]
 
     def level_of(self, effects: Iterable[Effect]) -> str:
-        """Return the level that the effects need; only waves are followed behind single lenslets."""
+        """Return the level that the effects need; for a Fourier light-field microscope, always that of waves."""
         waves = not self.outlooks[0].camera.has_lattice
         return self.waves if waves or any(effect.needs_waves for effect in effects) else "geometric"
 

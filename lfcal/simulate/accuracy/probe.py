@@ -176,7 +176,7 @@ def places(scene: AnyScene) -> tuple[list[int], list[int]]:
 
 
 DARK = 1e-3
-"""Smallest reference of relative errors, as a fraction of the iris's light, because a cutout without light is dark."""
+"""Smallest light to which errors are related, as a fraction of the iris's light: a cutout may receive hardly any."""
 
 
 class _ErrorProbe:

@@ -113,10 +113,10 @@ OUTSIDE = 0.15
 """Fraction of light farther than r outside the shadow, times r / (lambda Nw)."""
 
 PUPIL_MARGINS = (8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 670, 1000)
-"""Margins (px) of the windows behind single lenslets."""
+"""Margins (px) of the windows behind lenslets in a pupil plane."""
 
 PUPIL_NODES, PUPIL_FLOOR = 8, 1e-5
-"""Largest number of nodes per pixel behind single lenslets, and an error that is always negligible."""
+"""For lenslets in a pupil plane: largest number of nodes per pixel, and an error that is always negligible."""
 
 REFERENCE = ((1.0, 3, 0.03), (1.25, 4, 0.006), (1.6, 6, 0.002), (2.4, 10, 0.0005))
 """Samples of the reference: the ratio to the fewest for the light's angles, the fewest for the lenslets' edges, and the
@@ -264,7 +264,7 @@ def comparison(steps: Sequence[LevelSampling], step: LevelSampling) -> tuple[Lev
 
 
 def _pupil_steps(scene: PupilScene, level: str) -> tuple[LevelSampling, ...]:
-    """Return the samplings behind single lenslets: wider windows, each with a matching number of nodes per pixel."""
+    """Return the samplings for lenslets in a pupil plane: wider windows, each with its number of nodes per pixel."""
     if level not in PUPIL_LEVELS:
         return (LevelSampling(level, Sampling(), 0.0),)  # its engine refuses it
     steps = []

@@ -446,7 +446,10 @@ class FrameEffect(Effect):
     pixel_ns: ClassVar[float] = 1.0
     """Computing time per pixel of a frame (ns, measured)."""
     whole_numbers: ClassVar[bool] = False
-    """Whether the effect rounds frames to whole numbers; they are then stored as integers, and it is always planned."""
+    """Whether the effect rounds frames to whole numbers, which are then stored as integers.
+
+    Such an effect is selected for frames unless it is switched off.
+    """
 
     @abstractmethod
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:

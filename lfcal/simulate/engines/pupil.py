@@ -1,4 +1,4 @@
-"""Waves through single lenslets in a pupil plane: the engine of a Fourier light-field microscope.
+"""Waves through lenslets in a pupil plane: the engine of a Fourier light-field microscope.
 
 Behind a lenslet at c with focal length f and aperture A, on a sensor B away, the paraxial (Fresnel) field is
 
