@@ -34,7 +34,7 @@ _KEYS = (
     ("Ctrl+T", "switch between the light and the dark theme"),
     ("F1", "show this list of shortcuts"),
 )
-"""Keyboard shortcuts of the window; those of a page are in its `PageSpec`."""
+"""Keyboard shortcuts of the window; the shortcuts of a page are in its `PageSpec`."""
 
 _PACKAGES = (
     "numpy",

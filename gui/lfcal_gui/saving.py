@@ -17,8 +17,8 @@ def ask_target(
 ) -> str:
     """Ask where to write; return the path, empty if the user cancels.
 
-    A name without a suffix takes that of the chosen kind. The dialog asks about replacing the typed name only. If other
-    files are written, this function asks about them.
+    A name without a suffix takes the suffix of the chosen kind. The dialog asks about replacing the typed name only. If
+    other files are written, this function asks about them.
 
     Parameters
     ----------

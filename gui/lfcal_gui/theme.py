@@ -232,7 +232,7 @@ def current_theme() -> Theme:
 
 
 def canvas_fair() -> str:
-    """Return the colour of a warning on the black background of a picture: that of the dark or the red theme."""
+    """Return the colour of a warning on the black background of a picture, from the dark or the red theme."""
     return (current_theme() if current_theme().red else DARK).fair
 
 
@@ -281,7 +281,7 @@ def _set_fields(palette: QPalette, theme: Theme) -> None:
 
 
 def apply_theme(app: QApplication, theme: Theme) -> None:
-    """Set the palette of the application to that of ``theme``. Windows and pages set their style sheets themselves.
+    """Set the palette of the application to the palette of ``theme``; style sheets are set by windows and pages.
 
     Nothing is done if the theme is in use already.
     """

@@ -45,7 +45,7 @@ def keep(what: str, error: BaseException) -> None:
 class Workers:
     """A few threads that run queued calls in order.
 
-    They are daemons: unlike those of an executor, one whose call never returns does not keep the program from ending.
+    They are daemons: unlike a thread of an executor, one whose call never returns does not prevent the program's end.
     """
 
     def __init__(self, count: int, name: str) -> None:

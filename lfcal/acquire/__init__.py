@@ -13,7 +13,7 @@
 - ``earlier``: records of earlier runs; ``stills``: white and dark frames of the whole sensor
 - ``setup``, ``spots``: measurements for setting up the rig
 
-Devices are those of `lfcal.devices`.
+Devices are defined in `lfcal.devices`.
 """
 
 from typing import TYPE_CHECKING

@@ -239,7 +239,7 @@ class EarlierFrames:
         self._keep(z, PlaneSum(light - sum(levels.values()), len(levels), len(here), damaged, ended=True))
 
     def _keep(self, z: int, found: PlaneSum) -> None:
-        """Store a sum; discard those of other planes if they need too much memory."""
+        """Store a sum; discard the sums of other planes if they need too much memory."""
         kept = {other: seen for other, seen in self._sums.items() if other != z}
         while kept and (1 + len(kept)) * found.light.nbytes > MEMORY:
             del kept[next(iter(kept))]

@@ -52,7 +52,7 @@ UNSURE = 0.25
 def alarm(kind: str, size: float, words: str) -> list[Finding]:
     """Return a list with one finding if ``size`` exceeds the limit of its ``kind``, else an empty list.
 
-    ``kind`` and the unit of ``size`` are those of `LIMITS`, and ``words`` reads "fault: remedy".
+    ``kind`` is a key of `LIMITS`, which also states the unit of ``size``, and ``words`` reads "fault: remedy".
     """
     if not size > LIMITS[kind]:
         return []

@@ -23,8 +23,8 @@ LARGEST = 1 << 28
 class RedoList:
     """List of positions to record.
 
-    ``positions`` are (z, y, x), and ``reasons`` contains a text for each of them. ``kept_aside`` contains those of the
-    positions whose patterns are held out from a fit to measure its quality.
+    ``positions`` are (z, y, x), and ``reasons`` contains a text for each of them. ``kept_aside`` contains the positions
+    among them whose patterns are held out from a fit to measure its quality.
 
     Examples
     --------

@@ -144,7 +144,7 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
 
     The first pass visits every plane on a grid with a pitch of up to 16 positions. Each later pass visits the remaining
     points of a grid twice as fine. With a pitch of 16, all planes are recorded coarsely after about 1/256 of the
-    positions. Within a pass, the order is that of the plan.
+    positions. Within a pass, the order is the order of the plan.
 
     Examples
     --------
@@ -447,7 +447,7 @@ def _order(blocks: list[Block], kinds: NDArray[np.uint8]) -> NDArray[np.intp]:
 
 
 def _slots(blocks: list[Block]) -> NDArray[np.int64]:
-    """Return the slots in the files; those of control frames follow those of the reference frames."""
+    """Return the slots in the files; in the file of both, control frames follow reference frames."""
     references = sum(len(b.slots) for b in blocks if b.kind is Kind.REFERENCE)
     return np.concatenate([b.slots + (references if b.kind is Kind.CONTROL else 0) for b in blocks]).astype(np.int64)
 

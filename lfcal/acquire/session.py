@@ -119,7 +119,7 @@ def iter_record(
         A new or empty folder; with ``resume`` or ``redo``, the folder of an earlier session.
     plan, rig, options
         Plan to record (a scan, or a `lfcal.targets.TargetPlan` of whole frames), devices, and settings. Options of None
-        are those of the session that is continued, or `Options()`.
+        are the options of the session that is continued, or `Options()`.
     resume
         Whether to continue an interrupted run, after checking that plan, options, devices and the stage's origin and
         scale are unchanged. Every frame is checked first, and damaged frames are taken again. The new frames replace
@@ -307,7 +307,7 @@ def _with_recording(file: SessionFile, redo: Sequence[Position]) -> SessionFile:
 
 
 def _repaired(folder: Path, file: SessionFile, rig: Rig, options: Options, found: SessionReport) -> Work[SessionFile]:
-    """Return the session, ready to take damaged frames again; those of packed recordings go to a separate recording."""
+    """Return the session, ready to take damaged frames again; for packed recordings, into a separate recording."""
     again = yield from iter_repair(folder, file, found)
     if not again:
         return file

@@ -87,7 +87,7 @@ def _made(found: Any) -> Backend:
 
 
 def backend_registry() -> Registry[Backend]:
-    """Return a new registry of backends: the simulator, lfcal's other backends, and those of other packages."""
+    """Return a new registry of backends: the simulator, lfcal's other backends, and backends of other packages."""
     return Registry(
         "device backend",
         "lfcal.devices.backends",

@@ -30,7 +30,7 @@ APART = {
 """Unknowns of the group of the array, which may change independently."""
 
 OF_THE_SCAN = ("depths", "stage_scale", "stage_zero")
-"""Groups of unknowns whose effect on a single frame is the same as that of other groups."""
+"""Groups of unknowns whose effect on a single frame cannot be distinguished from the effect of other groups."""
 
 SHOWS = 4.0
 """Significance, in standard deviations of noise, above which a suspect is reported."""

@@ -64,7 +64,7 @@ class Costs:
     costs
         Additional error due to each finding; errors add in quadrature. None: not measured.
     whole
-        Whether the errors are those of all of H instead of a part of it.
+        Whether the errors apply to all of H instead of a part of it.
     """
 
     clean: float | None
@@ -78,7 +78,7 @@ def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | Non
 
     A patch of neighbouring positions in up to three planes is computed as the camera should show it, as large as
     `MOST` and `MOST_SAMPLES` allow. If that is less than all of H, the error is scaled to the strength of the fault in
-    all of H. Errors are those of `SceneTrial`, between volumes from the same image: with ideal patterns, and with the
+    all of H. Errors come from `SceneTrial`, between volumes from the same image: with ideal patterns, and with the
     noise of H and the fault in them.
 
     Parameters

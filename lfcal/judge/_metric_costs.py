@@ -120,7 +120,7 @@ def with_costs(
     keys
         Keys of the metrics whose costs were measured.
     costs
-        Measured costs: first those of ``faults``, then those of these metrics.
+        Measured costs, first of ``faults``, then of the metrics ``keys``.
     faults
         Costs of the named faults. None: not measured.
     """

@@ -106,7 +106,7 @@ class Starts:
         return Starts(source, window, depth)
 
     def only(self, moved: Starts, again: Flags) -> Starts:
-        """Return these starts, with those of ``moved`` for the patterns ``again`` and for planes that are far off.
+        """Return these starts, with the starts of ``moved`` for the patterns ``again`` and for planes far off.
 
         All other patterns keep their model, and the parameters with which it was computed.
         """

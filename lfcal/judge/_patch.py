@@ -37,7 +37,7 @@ class Patch:
     index
         Positions ``(n, 3)`` as (z, y, x).
     light, noise
-        Patterns ``(n, nt, ns)`` predicted by the camera, and noise like that of H.
+        Patterns ``(n, nt, ns)`` predicted by the camera, and noise like the noise of H.
     """
 
     evidence: Evidence

@@ -106,7 +106,7 @@ def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
     Raises
     ------
     FileFormatError
-        If the files are damaged, or are not those of a fit.
+        If the files are damaged, or do not belong to a fit.
     StorageError
         If the files cannot be read.
     """

@@ -288,8 +288,8 @@ class Evidence:
     def followed(self, values: F8 | None = None) -> Evidence:
         """Return new evidence whose predictions are computed at the apparent positions of the patterns.
 
-        ``values`` ``(n, 7)`` are the parameters that define these positions. None: those of this evidence. If the
-        positions are close to those of the current predictions, this evidence is returned unchanged.
+        ``values`` ``(n, 7)`` are the parameters that define these positions. None: the parameters of this evidence.
+        If the positions are close to those of the current predictions, this evidence is returned unchanged.
         """
         planes = self.index[:, 0]
         moved = self.starts.nearer(self.values if values is None else values, planes)

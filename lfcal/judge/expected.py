@@ -116,7 +116,7 @@ def _noise_of(matrix: PSFMatrix, z: int, y: int, x: int, values: F8) -> F8:
 
 
 def _effects(matrix: PSFMatrix) -> tuple[Any, ...]:
-    """Return the effects that H was simulated or fitted with, else those of its camera's description."""
+    """Return the effects with which H was simulated or fitted, or else the effects in its camera's description."""
     assert matrix.camera is not None
     simulated = matrix.provenance.get("simulated")
     said = matrix.provenance.get("effects", simulated.get("effects") if isinstance(simulated, Mapping) else None)

@@ -82,7 +82,7 @@ def object_error(
     shot
         Frame of the object with the dark level subtracted.
     volume
-        The object, ``(nz, rows, columns)``, in any unit; rows and columns are those of the frame.
+        The object, ``(nz, rows, columns)``, in any unit; rows and columns are as in the frame.
     given
         Constant and slope of the variance of a sample, as in `NewFrame`. None: as stated by the frame.
     workers

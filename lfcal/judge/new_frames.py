@@ -56,7 +56,7 @@ def new_frames(
 
 
 def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: str) -> None:
-    """Raise `InputError` unless the pixels of the frames are those of the sensor of H."""
+    """Raise `InputError` unless the frames have the pixels of the sensor of H."""
     if H.camera is None:
         return
     wanted = H.camera.sensor.shape

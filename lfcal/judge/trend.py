@@ -361,7 +361,7 @@ def _point(value: MetricValue | None) -> CoursePoint | None:
 
 
 def _of_another_array(sessions: Sequence[DatedInspection]) -> list[str]:
-    """Return notes on H whose period is not that of the newest."""
+    """Return notes on H whose period differs from the period of the newest H."""
     newest = sessions[-1].period
     return [
         f"{one.label}: a period of {one.period[0]} × {one.period[1]} positions, but {newest[0]} × {newest[1]} "

@@ -324,7 +324,7 @@ class Selection:
     reason
         Reason in words.
     correlation
-        Ratio of the variance of block means to that of independent lenslets.
+        Ratio of the variance of block means to the variance that independent lenslets would give.
     """
 
     fitted: FittedForm
@@ -428,7 +428,7 @@ def _variance(fit: FittedForm) -> float:
 
 
 def _correlation(fit: FittedForm, blocks: Blocks) -> float:
-    """Return the ratio of the squared sum over a block to that of independent lenslets; at least 1."""
+    """Return the ratio of the squared sum over a block to the one of independent lenslets; at least 1."""
     values = (fit.weight[:, None] * fit.residual)[blocks.order]
     sums = np.add.reduceat(values, blocks.bounds[:-1], axis=0)
     # the part of the block means that the form has absorbed

@@ -2,7 +2,7 @@
 
 Micro-images of an iris with an odd number of blades touch at points that are not opposite each other. The light of
 neighbours then moves the point of best symmetry away from the middle of the iris, by a tenth of a pitch or more. The
-Fourier coefficients of the lattice equal those of a single micro-image, even if neighbours overlap, and for a polygon
+Fourier coefficients of the lattice equal the ones of a single micro-image, even if neighbours overlap; for a polygon,
 they are known in closed form. A polygon fitted to them separates the centre from the effect of the corners.
 """
 
@@ -214,7 +214,7 @@ class _Fit(IrisCentre):
         return cls(shift, covariance, blades, shape, float(fit.cost), float(residual[:n] @ residual[:n]))
 
     def by_first(self, about: _Waves) -> IrisCentre:
-        """Return the centre from the phases of the first waves only, minus those of the shape.
+        """Return the centre from the phases of the first waves only, minus the phases of the shape.
 
         Odd corners matter least for these waves, so that an approximate shape suffices. The difference from the fit to
         all waves is used as an error.

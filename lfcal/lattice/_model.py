@@ -39,7 +39,7 @@ MAX_LIGHT = 3.0
 """Largest light of a lenslet, relative to its surroundings, that counts in the mean of its class."""
 
 CLASS_REACH = 2
-"""Number of lenslets on each side whose mean light normalises that of a class."""
+"""Number of lenslets on each side whose mean light normalises the light of a class."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

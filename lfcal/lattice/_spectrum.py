@@ -70,8 +70,8 @@ SYMMETRY_PITCHES = 8.0
 """Largest distance from the middle for the mean cell."""
 
 MAX_UNEVEN = 0.25
-"""Largest variance along circles about a micro-image's centre, relative to that of the image, if it exceeds that
-between circles. Measured: rings, discs and polygons 0.07 at most; places where rings touch 0.47 and above."""
+"""Largest variance along circles about a micro-image's centre, relative to the variance of the image, if it exceeds the
+variance between circles. Measured: rings, discs and polygons 0.07 at most; places where rings touch 0.47 and above."""
 
 CIRCLES, ANGLES, WITHIN = 8, 24, 0.4
 """Number of circles about a centre, and of samples along each; radius of the largest one over the smaller pitch."""
@@ -93,7 +93,7 @@ class RoughLattice:
     centre
         Centre of one micro-image.
     contrast
-        Mean brightness of the centres less that of the gaps, in standard deviations of the image.
+        Mean brightness of the centres minus the mean of the gaps, in standard deviations of the image.
     """
 
     kind: str
@@ -234,7 +234,7 @@ def _finer(name: str, basis: Array, kind: str | None) -> list[tuple[int, str, Ar
 
 
 def _finest(flat: LitPart, name: str, basis: Array, kind: str | None) -> tuple[RoughLattice, float]:
-    """Return the finest lattice that contains that of ``basis`` and has a micro-image at every point."""
+    """Return the finest lattice that contains the lattice ``basis`` and has a micro-image at every point."""
     found = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
     for order, finer_name, finer in _finer(name, basis, kind):
         if np.linalg.norm(finer, axis=1).min() < MIN_PITCH:
@@ -435,7 +435,7 @@ def _judge(flat: LitPart, kind: str, basis: Array, centre: Array) -> tuple[Rough
 def _most_symmetric(flat: LitPart, kind: str, basis: Array, types: int = 1) -> Array:
     """Return the point in the cell, near the middle, about which the mean cell has the best rotational symmetry.
 
-    The rotation is 60 degrees for a hexagonal lattice. It is 120 for that of one of three ``types``, whose three
+    The rotation is 60 degrees for a hexagonal lattice. It is 120 for the lattice of one of three ``types``, whose three
     centres of this symmetry are one lenslet of each type. It is 90 for a square lattice and 180 for rectangular cells,
     whose gaps are as symmetric as their lenslets: in this case, the brightest point is returned. Brightness alone does
     not suffice, because overlapping micro-images are brightest at their edges.

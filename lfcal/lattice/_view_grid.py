@@ -120,7 +120,7 @@ AXES = ("frame", "lattice")
 """Directions of the rows and columns of a view."""
 
 EDGE_TOLERANCE_PX = 1e-6
-"""Tolerance (pixels) for lenslets at the limit: those of whole-pixel lattices touch it exactly."""
+"""Tolerance (pixels) for lenslets at the limit, which the lenslets of whole-pixel lattices touch exactly."""
 
 MIN_SHARE = 0.5 - 1e-9
 """Smallest total fraction of existing lenslets for a sample to be seen."""

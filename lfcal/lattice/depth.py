@@ -5,7 +5,7 @@ c. Focused plenoptic cameras show it in several micro-images, whose disparity is
 micro-image is matched with its neighbours (Perwass and Wietzke 2012; Fleischmann and Koch 2014, Palmieri and Koch 2017
 for several lens types). The depths of all micro-images are joined in the central view by their standard errors (Zeller,
 Quint and Stilla 2015). In cameras whose lenslets are focused at infinity, a micro-image shows the aperture. The slope
-is then that of the epipolar lines between views (Wanner and Goldluecke 2012). It is found from the variance of the
+is then the slope of the epipolar lines between views (Wanner and Goldluecke 2012). It is found from the variance of the
 views on a sweep of planes (Tao et al. 2013), with shifts of fractions of a sample (Jeon et al. 2015).
 """
 

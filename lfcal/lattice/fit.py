@@ -268,8 +268,8 @@ def fit_outwards(
 ) -> tuple[LatticeModel, PlacedLenslets]:
     """Fit the lattice in growing regions about ``start`` (x, y; px); return it, and the lenslets of the last region.
 
-    The initial ``model`` predicts the lenslets of the first region, and each fit those of the next one. The last region
-    is the whole frame.
+    The initial ``model`` predicts the lenslets of the first region, and each fit predicts those of the next region. The
+    last region is the whole frame.
     """
     frame = DistortionFrame.of(image.shape)
     farthest = float(np.hypot(*(frame.outline() - start).T).max())
@@ -340,7 +340,7 @@ def _surrounded(lenslets: PlacedLenslets) -> NDArray[np.intp]:
 
 
 def check_cell(cell: Array) -> None:
-    """Raise `InputError` if the mean cell is that of a checkerboard or of overlapping micro-images.
+    """Raise `InputError` if the mean cell shows a checkerboard or overlapping micro-images.
 
     The light and dark fields of a checkerboard have the same shape: shifted by half a diagonal, each is the negative
     of the other. Micro-images and the gaps between them have different shapes.
@@ -366,7 +366,7 @@ def check_cell(cell: Array) -> None:
 
 
 def _overlap(level: Array) -> bool:
-    """Return whether a mean cell, from 0 to 1, is that of overlapping micro-images.
+    """Return whether a mean cell, from 0 to 1, shows overlapping micro-images.
 
     Their light adds up to several flat levels. Where wide micro-images overlap, the areas between them are the
     brightest, and a large dark area remains at the centre of each.

@@ -103,7 +103,7 @@ class LatticeFit:
         True for lenslets that are too dark or cannot be located, ``(n,)``.
     distortion
         Displacement from the undistorted lattice as a function of the point (column, row) (px). None: no distortion.
-        Pitch, row pitch, rotation and shear are those of the undistorted lattice.
+        Pitch, row pitch, rotation and shear describe the undistorted lattice.
     errors
         Standard errors of the lattice parameters; None if unknown.
     form, reason

@@ -77,7 +77,7 @@ class LensTypes:
     def to_lattice(self, fit: LatticeFit, camera: Camera) -> LensletLattice:
         """Return a copy of the lattice of ``camera`` with the values of ``fit`` and this order of the lens types.
 
-        The offset is that of the lenslet of type 0 nearest to the current offset.
+        The offset is the position of the lenslet of type 0 nearest to the current offset.
         """
         row, column = camera.pixels(camera.lattice.offset_um)
         near = np.rint(fit.lenslet_at(row, column)).astype(int)

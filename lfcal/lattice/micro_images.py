@@ -231,7 +231,7 @@ class TypeLattice:
         return self._type_indices(*np.moveaxis(self.every.lenslet_at(row, column), -1, 0))
 
     def among(self, lenslets: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Return the indices (Q, R) of those of the given lenslets (q, r) that are of this type."""
+        """Return the indices (Q, R) of the lenslets among ``lenslets`` (q, r) that are of this type."""
         mine = [(q, r) for q, r in lenslets if (q - r - self.first) % 3 == 0]
         return [(int(i), int(j)) for i, j in (self._type_indices(np.asarray(q), np.asarray(r)) for q, r in mine)]
 
@@ -249,7 +249,7 @@ def lattice_of(
     camera
         Description of the camera; no white image is required.
     shape
-        Shape ``(rows, columns)`` of the frames. None: that of the sensor.
+        Shape ``(rows, columns)`` of the frames. None: the shape of the sensor.
     origin
         Sensor position (row, column) of the first pixel of the frames, if they show only a part of the sensor. None:
         the frames show the complete sensor.
@@ -257,7 +257,7 @@ def lattice_of(
     Raises
     ------
     InputError
-        If ``origin`` is None and ``shape`` is not that of the sensor, or the frames extend beyond the sensor.
+        If ``origin`` is None and ``shape`` differs from the shape of the sensor, or the frames extend beyond it.
 
     Examples
     --------
@@ -274,7 +274,7 @@ def lattice_of(
 def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int] | None = None) -> FrameLattice:
     """Return ``lattice`` for the part of its frames that has this ``shape`` and begins at ``origin`` (row, column).
 
-    If ``origin`` is None, ``shape`` must be that of the lattice, and ``lattice`` is returned.
+    If ``origin`` is None, ``shape`` must be the shape of the lattice, and ``lattice`` is returned.
 
     Raises
     ------

@@ -132,7 +132,7 @@ def extract_views(
     dark
         Dark frame, or dark level (counts), to subtract from both frames.
     radius_px
-        Radius of the micro-images (px). None: 0.45 times the smaller of pitch and row pitch (those of ``raster``, if
+        Radius of the micro-images (px). None: 0.45 times the smaller of pitch and row pitch (of ``raster``, if it is
         given).
     axes, full, missing, raster
         As in `view_grid`: direction of the rows of a view, whether to return the complete field with a mask, lenslets

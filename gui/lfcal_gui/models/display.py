@@ -48,7 +48,7 @@ class DisplaySettings:
     colour_map
         One of `COLOUR_MAPS`, or the map for signed values.
     levels
-        Lowest and highest value shown. None: those of the data.
+        Lowest and highest value shown. None: lowest and highest value of the data.
     """
 
     scale: str = "linear"

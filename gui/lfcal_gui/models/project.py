@@ -334,7 +334,7 @@ class Project:
         return now is not None and now != self._stamp
 
     def open(self, path: Path) -> None:
-        """Replace the state by that of a project file; keep it if the file cannot be read."""
+        """Replace the state by the state in a project file; keep it if the file cannot be read."""
         self.start(read_project(path), path)
 
     def start(self, state: ProjectState, path: Path | None = None, saved: ProjectState | None = None) -> None:

@@ -123,7 +123,7 @@ class Solid:
 
     @property
     def _along_z(self) -> tuple[float, float]:
-        """Smallest and largest depth: those of the first and last plane. A single plane is as thick as a voxel."""
+        """Smallest and largest depth, of the first and the last plane. A single plane is as thick as a voxel."""
         z = self.depths
         thick = self.sides[1] / 2 if len(z) == 1 else 0.0
         return float(z[0]) - thick, float(z[-1]) + thick
@@ -260,7 +260,7 @@ class _Rays(NamedTuple):
     Attributes
     ----------
     facing
-        Whether planes are those of the array's first axis.
+        Whether planes run along the array's first axis.
     before, share, places
         Samples along the rays: index of the plane before each, weight of the next plane, and position.
     down
@@ -372,7 +372,7 @@ def _shown(scene: Viewpoint, axis: int) -> float:
 
 
 def _axes(solid: Solid, turn: NDArray[np.float64]) -> tuple[int, int, int]:
-    """Return the axis (of x, y, z) along which planes are shifted, and those of rows and columns of each plane.
+    """Return the axis (of x, y, z) along which planes are shifted, and the axes of rows and columns of each plane.
 
     From one plane to the next, a ray moves by at most one voxel along the other axes.
     """

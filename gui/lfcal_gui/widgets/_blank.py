@@ -16,7 +16,7 @@ NOTHING = "Nothing to show yet."
 class Blank(QLabel):
     """A line of text in the middle of ``box`` on ``graphics``; ``words`` can be changed.
 
-    If the box is that of a ``plot``, the axes have no numbers while the text is shown. If ``dark``, the text has the
+    If the box belongs to a ``plot``, the axes have no numbers while the text is shown. If ``dark``, the text has the
     colour for the dark background of a picture. `wait` shows what is being read or made instead of the text.
     """
 

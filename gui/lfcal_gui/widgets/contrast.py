@@ -89,7 +89,7 @@ class Contrast(QWidget):
         return (low, high) if high > low else (low, low + 1)
 
     def set_levels(self, levels: Levels | None) -> None:
-        """Set the levels. None: use those of the pictures."""
+        """Set the levels. None: use the levels of the pictures."""
         if levels is not None and not levels[1] > levels[0]:
             return
         self.picture.set_contrast(levels)

@@ -261,8 +261,8 @@ class FoldedForm(QFrame):
 
     A value that does not parse, or that ``check`` refuses, is marked red with the reason under the field; only
     values that pass are reported. If a first part of the text did pass, as the 2 of "2,8", the value before typing is
-    reported again. The refused text stays until the value changes. Of several reasons, that of the field edited last is
-    shown. A disabled field shows its value again, and no reason.
+    reported again. The refused text stays until the value changes. Of several reasons, the one of the field edited last
+    is shown. A disabled field shows its value again, and no reason.
 
     The widgets of a folded field are made when they are first needed, because most are never seen.
 
@@ -390,7 +390,7 @@ class FoldedForm(QFrame):
         return row.parts
 
     def _before(self, row: _Row) -> QWidget | None:
-        """Return the widget that has the focus before those of a folded field."""
+        """Return the widget that has the focus before the widgets of a folded field."""
         if not row.rare:
             return None
         above = [one for one in self._rows.values() if one.rare and one.parts is not None and one.line < row.line]
@@ -566,7 +566,7 @@ class FoldedForm(QFrame):
         set_look(mark, "mark", word)
 
     def _make_mark(self, row: _Row, parts: _Parts, assumed: bool) -> QToolButton | QLabel:
-        """Make the mark of a value; that of an assumed value is a button."""
+        """Make the mark of a value; the mark of an assumed value is a button."""
         if parts.mark is not None:
             parts.mark.hide()
             parts.mark.deleteLater()

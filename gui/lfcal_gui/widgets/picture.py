@@ -101,7 +101,7 @@ class Picture(QWidget):
     legend
         Whether to show a colour bar with its values below the picture, for pictures without a `Contrast`.
     colour_map
-        Colour map until another one is set; empty: that of `DisplaySettings`.
+        Colour map until another one is set; empty: the colour map of `DisplaySettings`.
     """
 
     hovered = Signal(int, int, float, arguments=["row", "column", "value"])
@@ -148,7 +148,7 @@ class Picture(QWidget):
         self._drawing = self._again = False
         self._red = current_theme().red
         self.contrast: Levels | None = None
-        """Levels that the user chose. None: those of the picture."""
+        """Levels that the user chose. None: the levels of the picture."""
         self.sharing: tuple[Picture, ...] = (self,)
         """Pictures that share one contrast."""
         self._steered, self._held = steered, False
@@ -196,7 +196,7 @@ class Picture(QWidget):
     def set_shot(self, shot: Shot | None, *, keep_view: bool = True) -> None:
         """Show ``shot``; a large one is drawn in the background first. None: show nothing.
 
-        With ``keep_view``, pan and zoom are kept if place and size are those of the previous picture.
+        With ``keep_view``, pan and zoom are kept if place and size equal those of the previous picture.
         """
         shot = shot or Shot()
         before, self._wanted = self._wanted, shot
@@ -225,20 +225,20 @@ class Picture(QWidget):
         return _display_of(self._shot, self._display)
 
     def set_display(self, display: DisplaySettings) -> None:
-        """Set scaling, colour map and levels; those of signed values are fixed."""
+        """Set scaling, colour map and levels; signed values keep a linear scale and their own colour map."""
         if display != self._display:
             self._display = display
             self._redraw()
 
     def set_contrast(self, levels: Levels | None) -> None:
-        """Set the levels of this and later pictures, and of those that share them. None: those of the pictures."""
+        """Set the levels of this and later pictures, and of pictures sharing them. None: levels of each picture."""
         for picture in self.sharing:
             if levels != picture.contrast:
                 picture.contrast = levels
                 picture._redraw()
 
     def set_overlays(self, *overlays: Overlay) -> None:
-        """Set ``overlays`` that are drawn in addition to those of the picture."""
+        """Set ``overlays`` that are drawn in addition to the overlays of the picture."""
         self._later = overlays
         self._repaint()
 
@@ -250,7 +250,7 @@ class Picture(QWidget):
 
     @property
     def note(self) -> tuple[str, str]:
-        """The line below the readout, and its colour; an empty colour is that of the readout."""
+        """The line below the readout, and its colour; an empty colour means the colour of the readout."""
         return self._note
 
     def set_lattice(self, camera: Camera | None, origin: tuple[int, int] = (0, 0)) -> None:

@@ -111,7 +111,7 @@ class RowsTable(QTableWidget):
         self._fit_height()
 
     def _fit_height(self) -> None:
-        """Set the height to that of all rows, unless the table is enlarged; it then scrolls."""
+        """Set the height to the height of all rows, unless the table is enlarged; it then scrolls."""
         if not self._whole:
             return
         inside = enlarged_of(self) is None

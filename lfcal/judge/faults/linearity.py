@@ -32,7 +32,7 @@ LIKE, GAINED = 0.99, 4.0
 """Correlation with the camera below which exponents are tried, and the required factor of improvement."""
 
 TURNS = 2
-"""Number of iterations with linearised values, because derivatives are those of a linear response."""
+"""Number of iterations with linearised values, because derivatives assume a linear response."""
 
 MOST_SAG = 0.24
 """Largest bend of values that saturate gradually; at a quarter, the curve is flat at the brightest value."""

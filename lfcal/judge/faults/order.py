@@ -1,4 +1,4 @@
-"""Scans whose positions run in a direction other than that of their numbers."""
+"""Scans whose positions run in another direction than their numbers."""
 
 from __future__ import annotations
 

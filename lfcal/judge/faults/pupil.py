@@ -139,7 +139,7 @@ def _shaded(lit: F8) -> PutIn:
 
 
 def _excess(evidence: Evidence) -> float:
-    """Return the power of the residual beyond noise, relative to that of the light."""
+    """Return the power of the residual beyond noise, relative to the power of the light."""
     return evidence.misfit**2
 
 

@@ -308,7 +308,7 @@ def _tiling(quality: QualityReport) -> ReportPicture:
 
 
 def _against(H: PSFMatrix, reference: PSFMatrix) -> ReportPicture:
-    """Draw the middle position of each plane next to that of the reference, at equal energy."""
+    """Draw the middle position of each plane next to the same position of the reference, at equal energy."""
     planes = chosen(len(H), 3)
     y, x = (n // 2 for n in H.period)
     with _sheet(3, len(planes) * _row_height(H.cutout)) as sheet:

@@ -224,7 +224,7 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
 
 
 def _patterns(found: Comparison) -> ReportPicture:
-    """Draw the positions that differ most: the pattern of A, that of B at equal light, and their difference."""
+    """Draw the positions that differ most: the patterns of A and of B at equal light, and their difference."""
     places = found.worst(SHOWN)
     first, second = names(found)
     with figure(9.3, 0.4 + 2.7 * max(1, len(places))) as fig:
