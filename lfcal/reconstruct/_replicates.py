@@ -233,7 +233,7 @@ class Replicates:
         background = self.choice.background
         slope = first.slope * factor
         floor = slope * background + self.choice.read_noise**2
-        words = f"the noise is unknown; the residual of the volume agrees with {slope:.3g} counts per photo-electron"
+        words = f"the noise is unknown; the residual of the volume agrees with {slope:.3g} counts per photoelectron"
         return replace(first, slope=slope, floor=floor), (words,)
 
     def _measured(self, image: NDArray[Any], volume: NDArray[Any]) -> SampleNoise:

@@ -70,7 +70,7 @@ class SolverFields:
     )
     gain: float | None = opt(
         None,
-        "Counts per photo-electron; used for chi² per pixel and for iterations auto:discrepancy.",
+        "Counts per photoelectron; used for chi² per pixel and for iterations auto:discrepancy.",
         unit="counts/e⁻",
         above=0,
         empty="from the noise model stored in H; 1 for auto:discrepancy",

@@ -52,7 +52,7 @@ def windows_field(use: str) -> int | None:
     """Declare the field ``windows`` of a task that explains frames; ``use`` says what happens in the windows."""
     return opt(
         None,
-        f"Number of windows of the sensor {use}, at most 5.",
+        f"Number of windows of the sensor {use}.",
         at_least=1,
         at_most=5,
         empty="one; five for a large sensor",

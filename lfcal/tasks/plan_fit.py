@@ -22,7 +22,7 @@ POSITION_ERROR = 0.05
 """Error of source positions (px rms) if no fit states it."""
 
 CHOSEN, HELD_OUT = "chosen to fit the optics", "held out to check the fit"
-"""Reasons in the list of positions."""
+"""Reasons stated in the list of positions: to fit, or to hold out."""
 
 
 def _groups() -> tuple[str, ...]:

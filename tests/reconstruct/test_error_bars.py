@@ -143,7 +143,7 @@ def test_unknown_noise_is_estimated_from_the_frame(P: Projector, gain: float, ba
     choice = replace(CHOICE, gain=None, background=background)
     unknown = error_bars(P, frame, choice, BootstrapSettings(replicates=3))
     known = error_bars(P, frame, replace(choice, gain=gain), BootstrapSettings(replicates=3))
-    assert "counts per photo-electron" in unknown.notes[0] and not known.notes
+    assert "counts per photoelectron" in unknown.notes[0] and not known.notes
     stated = float(unknown.notes[0].split("with ")[1].split()[0])
     assert stated == pytest.approx(gain, rel=0.25)
     assert np.median(unknown.sigma / known.sigma) == pytest.approx(1, abs=0.15)

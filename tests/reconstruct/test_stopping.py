@@ -271,7 +271,7 @@ def test_a_result_has_chi2_per_pixel_if_the_noise_is_known(noisy, margin):
 def test_wrong_settings_of_stopping_are_refused():
     for setting, words in (
         ({"stop": "luck"}, "left-out or discrepancy"),
-        ({"gain": 0.0}, r"gain \(counts per photo-electron\)"),
+        ({"gain": 0.0}, r"gain \(counts per photoelectron\)"),
         ({"noise": (1.0, 0.0)}, r"noise per count \(counts\)"),
         ({"noise": (-1.0, 1.0)}, "noise without light"),
     ):

@@ -50,7 +50,7 @@ class ModelNoise:
     noise
         Variance of H's entries without light, and variance per unit of signal, for each plane, ``(nz, 2)``.
     gain
-        Counts per photo-electron of the frame.
+        Counts per photoelectron of the frame.
     ends
         Whether the run ends when the misfit levels off.
     misfits

@@ -94,7 +94,7 @@ class SolverChoice:
         ``"measure"``: for sums and means over regions of the volume. These need more iterations, after which single
         voxels are noisier.
     gain
-        Counts per photo-electron. None: unknown (``"discrepancy"`` then assumes 1). If the gain is known, the result
+        Counts per photoelectron. None: unknown (``"discrepancy"`` then assumes 1). If the gain is known, the result
         states chi-square per pixel.
     noise
         ``(constant, slope)``: measured variance of a pixel without light (counts²), and its increase per count of light
@@ -156,7 +156,7 @@ class SolverChoice:
         if self.subsets is not None:
             check_number("subsets", self.subsets, at_least=1, integer=True)
         if self.gain is not None:
-            check_number("gain (counts per photo-electron)", self.gain, above=0, at_most=MAX_SAMPLE)
+            check_number("gain (counts per photoelectron)", self.gain, above=0, at_most=MAX_SAMPLE)
         if self.noise is not None:
             check_number("noise without light (counts²)", self.noise[0], at_least=0, at_most=MAX_SAMPLE)
             check_number("noise per count (counts)", self.noise[1], above=0, at_most=MAX_SAMPLE)
@@ -200,7 +200,7 @@ class SolverChoice:
 
     @property
     def known_noise(self) -> tuple[float, float] | None:
-        """Counts per photo-electron, and rms read noise (counts), for chi-square. None: unknown.
+        """Counts per photoelectron, and rms read noise (counts), for chi-square. None: unknown.
 
         They are `gain` and `read_noise`; if `gain` is None, they are computed from `noise`.
         """

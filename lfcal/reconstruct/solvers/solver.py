@@ -129,7 +129,7 @@ class SolverRun(SolverSettings):
     measured
         Result of `measure`, if it is already computed. None: compute it.
     noise
-        Counts per photo-electron, and rms read noise (counts), of the image. None: unknown.
+        Counts per photoelectron, and rms read noise (counts), of the image. None: unknown.
 
     Examples
     --------

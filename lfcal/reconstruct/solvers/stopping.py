@@ -171,14 +171,14 @@ def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: floa
     read_noise
         Rms read noise r (counts).
     gain
-        Counts per photo-electron.
+        Counts per photoelectron.
     """
     m, f = model.astype(np.float64), data.image.astype(np.float64)
     trust = np.asarray(data.ones(), np.float64)
     # at least the background, because linear solvers may predict less
     light = np.maximum(m, data.background) - read_noise**2
     variance = gain * np.maximum(light, 0) + read_noise**2
-    # where no light is expected, assume at least one photo-electron in the whole frame
+    # where no light is expected, assume at least one photoelectron in the whole frame
     variance = np.maximum(variance, gain * max(float(f.mean()), 0.0) / f.size)
     square = np.divide(trust * (f - m) ** 2, variance, out=np.zeros_like(m), where=variance > 0)
     whole = float(trust.sum())
