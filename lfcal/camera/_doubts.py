@@ -59,7 +59,7 @@ def _unusual(camera: Camera, quantity: Quantity) -> list[str]:
 
 
 def _lenslets(camera: Camera, lenslets: PupilLenslets) -> list[str]:
-    """Return warnings about pupil-plane lenslets that overlap, get no light, or whose images miss the sensor."""
+    """Return warnings about lenslets that overlap or are outside the pupil, and about images outside the sensor."""
     assert isinstance(camera.optics, Microscope)
     found, centres = [], np.array(lenslets.lens_centres_um)
     if lenslets.clear_um > 1.001 * lenslets.spacing_um:

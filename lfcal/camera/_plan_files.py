@@ -21,7 +21,7 @@ COLUMNS = ("file", "x_um", "y_um", "z_um", "exposure_s")
 
 
 def stage_table(plan: ScanPlan, positions: ArrayLike | None = None) -> str:
-    """Return the stage position of every frame as a CSV table, in scan order.
+    """Return the stage position and exposure time of every frame as a CSV table, in scan order.
 
     The column ``file`` is a name for the frame, without suffix. If the frames have these names, the table is a list of
     them for `lfcal.frames.open_frames`.

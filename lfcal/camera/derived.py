@@ -21,7 +21,7 @@ STEP = (
     "lattice.gap_um",
     "lattice.fourier_um",
 )
-"""Paths of the values on which the step of the source depends; the gap only for a main lens or without a lattice."""
+"""Paths of the values on which the source's step depends; the gap only for a main lens or without a lattice."""
 DEPTH = (
     "optics.focal_length_um",
     "optics.working_distance_um",

@@ -320,7 +320,7 @@ class ScanPlan:
 
     @property
     def drift_px(self) -> float:
-        """Difference (px) between array and plan periods, accumulated over the sensor: the larger of both axes."""
+        """Difference (px) of array and plan periods, accumulated over the sensor; the larger of the axes' values."""
         sides = zip(self.period_residual_px, self.camera.sensor.shape, self.period, strict=True)
         return max(abs(residual) * side / period for residual, side, period in sides)
 
@@ -573,8 +573,8 @@ class HalfCell:
     shift
         Half the period.
     residual_px
-        Distance ``(y, x)`` (px) to the lenslet half an array period away, minus half the plan's period. Along each
-        axis, it is the value of the two diagonals with the larger magnitude.
+        Distance ``(y, x)`` (px) to the lenslet half an array period away, minus half the plan's period. There is such a
+        lenslet on each of the two diagonals; along each axis, the distance with the larger magnitude is given.
     """
 
     period: tuple[int, int]

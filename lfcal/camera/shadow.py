@@ -40,7 +40,7 @@ def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
 
 
 def _elemental(camera: Camera, lenslets: PupilLenslets, z_um: float) -> tuple[NDArray[np.float64], float]:
-    """Return the positions ``(n, 2)`` of a point's spots about its chief ray, and their largest geometric radius (µm).
+    """Return positions ``(n, 2)`` of a point's spots about its chief ray, and their largest geometric radius (µm).
 
     A ray through the point c + e of a lenslet at c meets the sensor at c (1 + s) + e (1 - B/f + s), where s is
     `PupilLenslets.spread`.

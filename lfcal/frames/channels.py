@@ -42,8 +42,8 @@ class ChannelSource(SourceView):
     Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic. The metadata contain (r0, c0) as
     ``channel_phase`` and the step as ``pixel_step`` (2 for a Bayer pattern). Drifts are in pixels of the channel.
 
-    Cutouts must all start at the same pixel of the pattern, as those of `ThinnedSource` do. ``cfa`` is the pattern of
-    their sensor if they do not state it.
+    Cutouts must all start at the same pixel of the pattern, as those of `ThinnedSource` do. ``cfa`` is the
+    colour filter pattern of the sensor, for cutouts whose metadata state none.
     """
 
     def __init__(self, source: FrameSource, channel: str, cfa: str = "") -> None:
@@ -83,7 +83,7 @@ class ChannelSource(SourceView):
         )
 
     def _dark(self, dark: Any) -> Any:
-        """Return the channel of a recorded dark frame of a part of the sensor."""
+        """Return a recorded dark frame reduced to the pixels of the channel."""
         if dark.frame is None:
             return dark
         (r0, c0), (row, column), step = self._phase, dark.origin, self._step
@@ -266,7 +266,7 @@ class ColourScan:
         Smallest indices y and x of the positions of the scan that belong to the channel; every ``step``-th position
         after them also belongs to it.
     step
-        Period of the filter's pattern (sensor pixels).
+        Period of the colour filter pattern (sensor pixels).
     """
 
     channel: str

@@ -79,12 +79,12 @@ def parallel_write(
     z
         Index of the depth plane.
     plane
-        Its values ``(ny, nx, nt, ns)``, in a dtype that converts to the dataset's dtype without loss.
+        Values of the plane ``(ny, nx, nt, ns)``, in a dtype that converts to the dataset's dtype without loss.
     convert
-        Function that converts a pattern to its stored form, called in the compressing threads; None stores it
-        unchanged.
+        Function that converts a pattern to its stored form, called in the compressing threads. None: patterns are
+        stored unchanged.
     checksums
-        ``(ny, nx)``, filled with the CRC-32 of every stored pattern, little-endian.
+        Array ``(ny, nx)`` to fill with the CRC-32 of every stored pattern, little-endian.
     workers
         Number of compressing threads. None: one for each available CPU core.
 
@@ -141,7 +141,7 @@ def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, work
     Parameters
     ----------
     data
-        ``(nz, ny, nx, nt, ns)``.
+        Dataset ``(nz, ny, nx, nt, ns)``.
     z
         Index of the depth plane.
     out

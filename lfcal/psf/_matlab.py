@@ -116,7 +116,7 @@ class MatOptions:
 
 
 StoreMatPlane = Callable[[str, int, Any], tuple[int, int]]
-"""Function of a name (``H`` or ``Ht``), z and a dataset that writes the plane to it and returns its `crop_index`."""
+"""Function of a name (``H`` or ``Ht``), z and a dataset: writes the plane to it and returns its `crop_index`."""
 
 
 def iter_write_mat(

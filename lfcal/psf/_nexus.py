@@ -42,7 +42,7 @@ def mark_default_plot(file: Any) -> None:
 
 
 def _plot(file: Any, entry: Any, signal: str, title: str, scales: dict[str, Any]) -> None:
-    """Add an NXdata group of ``signal`` over depth and ``scales``, its axes in order."""
+    """Add an NXdata group of ``signal``, whose axes are the depth and, in order, those of ``scales``."""
     data = entry.create_group(signal)
     data[signal], data["depths"] = file[signal], file["depths"]
     data["title"] = title

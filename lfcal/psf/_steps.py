@@ -238,9 +238,10 @@ def _of_few_digits(pattern: NDArray[np.float64], window: tuple[int, int, int, in
 
 
 def step_of_range(low: float, high: float) -> float:
-    """Return the largest power of two that leaves 65535 steps between ``low`` and ``high`` (0 included); else 0.
+    """Return the largest power of two of which the range from ``low`` to ``high``, extended to 0, holds 65535 steps.
 
-    The mean rounding error is a quarter of this step; whole numbers up to 65535 are not rounded at all.
+    Return 0 if that step would be too small. The mean rounding error is a quarter of the step; whole numbers up to
+    65535 are not rounded at all.
     """
     spread = max(high, 0.0) - min(low, 0.0)
     return 2.0 ** math.floor(math.log2(spread / MOST)) if spread / MOST >= LEAST_STEP else 0.0

@@ -5,9 +5,10 @@ HT is an index permutation of H, exact for every period (axes and centre rule in
     HT[z, y, x, t, s] = H[z, (y + t - ct) mod ny, (x + s - cs) mod nx, nt-1-t, ns-1-s]
 
 ``method="paper"`` implements equations 4 to 9 of M. Eberhart, "Efficient algorithm for calculating transposed PSF
-matrices for 3D light field deconvolution" (arXiv:2003.09133, 2020) as printed. They give the same values only where
-``cx <= x + s < ns + cx`` and ``cy <= y + t < nt + cy`` with ``cx = (nx-1)/2``, ``cy = (ny-1)/2``; the others stay
-zero. Padding H beforehand by (nx-1)/2 and (ny-1)/2 zeros per side (``"paper-padded"``) makes the result exact.
+matrices for 3D light field deconvolution" (arXiv:2003.09133, 2020) as printed. These equations give the
+same values only where ``cx <= x + s < ns + cx`` and ``cy <= y + t < nt + cy`` with ``cx = (nx-1)/2``,
+``cy = (ny-1)/2``; all other entries stay zero. Padding H beforehand by (nx-1)/2 and (ny-1)/2 zeros per side
+(``"paper-padded"``) makes the result exact.
 """
 
 from __future__ import annotations
@@ -153,7 +154,7 @@ def _as_words(array: NDArray[Any], *, write: bool = False) -> NDArray[Any]:
 
 
 def _clear_border(plane: NDArray[Any]) -> None:
-    """Set to zero what equations 4 to 9 do not write."""
+    """Set the entries that equations 4 to 9 do not write to zero."""
     ny, nx, nt, ns = plane.shape
     for y in range(ny):
         first = centre(ny) - y

@@ -32,7 +32,7 @@ class Code:
     name, title
         Name of the code in options, and as its authors write it.
     suffix
-        Suffix of its file.
+        Suffix of the file that the code reads.
     order
         Order of the axes of H in the code.
     stored
@@ -149,7 +149,7 @@ def codes_for(matrix: PSFMatrix) -> tuple[Code, ...]:
 
 # -- files -------------------------------------------------------------------------------------------------
 def _written(matrix: PSFMatrix) -> PSFMatrix:
-    """Return H with a lens where the codes expect it, if H states where its lenses are."""
+    """Return H with a lens where the codes expect it, or H unchanged if it does not state where its lenses are."""
     lens = lens_centre_of(matrix)
     return matrix if lens is None else lens_centred(matrix, lens)
 

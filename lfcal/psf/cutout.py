@@ -435,8 +435,8 @@ def _padded(found: Samples, region: Region, inside: Region) -> tuple[NDArray[np.
 def _mean(cuts: list[Samples]) -> Pattern:
     """Return the mean of repeated cutouts, each weighted by the inverse of its variance if that is known.
 
-    With weights w_i the variance of the mean is sum w_i^2 var_i / (sum w_i)^2. Where the noise is not stated it is
-    estimated from the repeats, alike for all samples of the pattern.
+    With weights w_i the variance of the mean is sum w_i^2 var_i / (sum w_i)^2. If the noise is not stated, one
+    variance for all samples of the pattern is estimated from the repeats.
     """
     values = np.stack([cut.values for cut in cuts]).astype(np.float64)
     masks = np.stack(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["ROUNDED", "STORED_TYPES", "Header", "Plane", "Stored", "StoredPlane"]
 
 ROUNDED = "rounded"
-"""float32 in steps of a power of two, with 16 bits for a plane: small, and exact for whole numbers."""
+"""Stored type: float32 rounded to multiples of a power of two, at least 65535 of them in the range of a plane."""
 
 STORED_TYPES = ("float32", ROUNDED, "float64", "uint16", "uint8")
 

@@ -168,7 +168,7 @@ def iter_write(
     out
         File to write.
     stored
-        How values are stored. None: as by default in `PSFWriter`.
+        How values are stored. None: the defaults of `PSFWriter`.
     run
         Executor and treatment of an earlier run, to make the planes as units of a run. Finished planes are kept if the
         run is stopped.

@@ -2,8 +2,8 @@
 
 The images of those codes have rows first, as in MATLAB, and so has their ``H(t, s, y, x, z)``. They use only the
 window ``CAindex`` of each plane. Files of fast-light-field contain a quarter of the positions (``ReducedMatrix``). If
-a file does not state the order of its axes, columns first is assumed, ``H(s, t, x, y, z)``. The order used is always
-noted. oLaF's cell array ``H{y, x, z}`` contains a pattern ``(t, s)`` in each cell, which may be sparse.
+neither a file nor its variables show the order of the axes, columns first is assumed, ``H(s, t, x, y, z)``. The order
+used is always noted. oLaF's cell array ``H{y, x, z}`` contains a pattern ``(t, s)`` in each cell, which may be sparse.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MAT_ORDERS = {"rows-first": ROWS_FIRST, "columns-first": COLUMNS_FIRST}
 """Orders of the axes of H that the caller may state, as written in the variable ``axisOrder``."""
 
 MAX_BYTES = 1 << 36
-"""Largest size of the patterns of a cell array, which are read into memory."""
+"""Largest size (bytes) of the patterns of a cell array, which are read into memory."""
 
 MAX_SIDE = 1 << 15
 """Largest number of rows or columns of a sparse pattern."""
@@ -279,7 +279,7 @@ class _Reader:
         return [(slice(a - 1, b), slice(a - 1, b)) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
 
     def _crops(self, nz: int, n: int) -> NDArray[np.int64]:
-        """Return first and last pixel of each plane, counted from 1, ``(2, nz)``."""
+        """Return the first and last pixel of each plane's window, counted from 1, ``(2, nz)``."""
         found = self._file.values("CAindex", finite=True)
         # MATLAB's (nz, 2) is (2, nz) here; fast-light-field has written both orders
         table = found.T if found.shape == (nz, 2) and nz != 2 else found

@@ -50,7 +50,7 @@ CLIPPED = 0.9950
 """Mean square of a standard normal variable whose squares above 9 count as 9."""
 
 CERTAIN = 0.25
-"""Relative standard error of the slope up to which it counts as measured."""
+"""Largest relative standard error with which the slope counts as measured."""
 
 SMOOTH = 0.5
 """Fraction of the pixels of similar brightness that is kept: those with the smoothest signal."""
@@ -226,7 +226,7 @@ def _neighbours(
 
 
 def _blocks(counts: NDArray[np.int64], side: int) -> Iterator[tuple[int, int, int]]:
-    """Yield the first positions of blocks that were recorded whole, spread over planes and positions."""
+    """Yield the first positions of blocks that were recorded completely, spread over planes and positions."""
     nz, ny, nx = counts.shape
     if min(ny, nx) < side:
         return
@@ -248,7 +248,7 @@ def _blocks(counts: NDArray[np.int64], side: int) -> Iterator[tuple[int, int, in
 
 
 def _values(gatherer: Gatherer, numbers: list[int], middle: int) -> tuple[F8, NDArray[np.bool_]] | None:
-    """Return samples ``(frames, rows, columns)`` of the same pixels of the sensor, about the ``middle`` frame's.
+    """Return samples ``(frames, rows, columns)`` of the same pixels of the sensor, around those of frame ``middle``.
 
     The second result is True for the pixels ``(rows, columns)`` that are valid in all these frames. None: there are no
     such pixels.

@@ -418,7 +418,7 @@ def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float3
 
 
 def _check_conventions(file: H5File, attributes: Attributes) -> None:
-    """Raise an error if the file states conventions that differ from those of lfcal."""
+    """Raise `FileFormatError` if the file states conventions that differ from those of lfcal."""
     for key, wanted in (("matrix", ("H", "HT")), ("axes", (",".join(AXES),)), ("centre", (CENTRE_RULE,))):
         found = attributes.text(key, wanted[0])
         if found not in wanted:

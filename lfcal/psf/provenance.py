@@ -171,8 +171,8 @@ def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[st
 def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
     """Return ``provenance`` extended by ``planes``, the records of how each plane was simulated.
 
-    `simulated_planes` returns them. If a level was requested and the records name engines, the entry ``level``
-    becomes the names of these engines, and the requested level is kept as ``requested_level``.
+    `simulated_planes` reads them from the result. If a level was requested and the records name engines, the entry
+    ``level`` becomes the names of these engines, and the requested level is kept as ``requested_level``.
     """
     simulated = {**provenance.get("simulated", {}), "planes": list(planes)}
     engines = dict.fromkeys(str(one["engine"]) for one in planes if one is not None and "engine" in one)

@@ -591,7 +591,7 @@ def _single(pattern: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _rounded(pattern: NDArray[Any], step: float) -> NDArray[np.float32]:
-    """Return a pattern in whole steps of a power of two."""
+    """Return a pattern rounded to whole multiples of ``step``, a power of two."""
     out = np.empty(pattern.shape, np.float32)
     if round_pattern.spared(VALUE_S * pattern.size):
         out[...] = np.rint(pattern * np.float64(1 / step)) * step + 0.0

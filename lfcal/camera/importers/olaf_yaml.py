@@ -60,7 +60,7 @@ def _read(text: str, source: Path, options: ImportOptions) -> Imported:
 
 
 class _AliasError(Exception):
-    """An alias (``*name``) in a file."""
+    """Error raised for an alias (``*name``) in a file."""
 
 
 class _Plain(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types

@@ -342,7 +342,7 @@ def _row_angle(angle: float) -> float:
 
 
 def _check_sub_grid(vector: NDArray[np.float64], types: int, source: Path) -> None:
-    """Raise unless the sub-grid is the rectangular cell of the lattice: (3, √3) lens diameters for three types."""
+    """Raise `FileFormatError` unless the sub-grid is the lattice's rectangular cell, (3, √3) for three types."""
     wanted = (3.0 if types == 3 else 1.0, math.sqrt(3))
     if np.abs(np.abs(vector) - wanted).max() > 0.01:
         got = "({:.4g}, {:.4f}) lenses".format(*np.abs(vector).tolist())

@@ -236,8 +236,8 @@ def iter_find_defects(
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
     Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. The
-    lowest value of a *hot* pixel over the frames exceeds their lowest values by ``threshold`` robust standard
-    deviations. It also exceeds them by at least half of the amount by which they exceed the median over all pixels. In
+    lowest value of a *hot* pixel over the frames exceeds those of these neighbours by ``threshold`` robust standard
+    deviations, and by at least half of the amount by which the neighbours exceed the median over all pixels. In
     addition, a hot pixel is brighter than its neighbours in at least half of the frames. A pixel is *dead* or *stuck*
     if its values vary by less than a tenth of the range of its neighbours, although a spot surrounded it in some frame.
     A dead pixel remains at the level without light. Dead and stuck pixels are found only in 8 or more frames, and only

@@ -293,8 +293,8 @@ def white_gain(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return the factors that flatten the white image ``light``, and a mask of the pixels with limited factors.
 
-    A factor is the inverse of the relative brightness, that is, ``light`` divided by its 99th percentile. The
-    percentile is computed separately for each position of the pattern ``cfa``. Factors are limited to ``1 / floor``.
+    The relative brightness is ``light`` divided by its 99th percentile, which is computed separately for each position
+    of the pattern ``cfa``. A factor is the inverse of the relative brightness, but at most ``1 / floor``.
 
     Raises
     ------

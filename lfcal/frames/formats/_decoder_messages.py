@@ -18,7 +18,7 @@ _COMPLAINTS = re.compile(rb"(Unexpected end of file|data corrupted at|libpng |\[
 
 
 class _Catch:
-    """Redirects standard error to a file while any decoder works; the first one starts it, the last one ends it."""
+    """Redirection of standard error to a file while any decoder works; the first starts it, the last ends it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -27,7 +27,7 @@ class _Catch:
         self._file: BinaryIO | None = None
 
     def begin(self) -> int:
-        """Redirect standard error to the file; return where the messages of this user begin."""
+        """Redirect standard error to the file; return where the messages of this decoder begin."""
         with self._lock:
             if self._file is None:
                 file = tempfile.TemporaryFile(buffering=0)

@@ -99,7 +99,7 @@ class _Planes:
 
 
 def _planes(pixels: ElementTree.Element, samples: int) -> _Planes:
-    """Return the planes of an image with their elements; raises `ValueError` for sizes that no image has."""
+    """Return the planes of an image with their elements; raise `ValueError` for impossible image sizes."""
     axes = pixels.get("DimensionOrder", "XYCZT")[2:]
     if sorted(axes) != ["C", "T", "Z"]:
         raise ValueError("unknown order of dimensions")
@@ -145,7 +145,7 @@ def _uuid(mark: ElementTree.Element) -> str:
 
 
 def _place(planes: list[_Planes], images: list[ElementTree.Element], files: _Files) -> None:
-    """Assign a page to every plane; raises `ValueError` if two planes or two pages contradict each other."""
+    """Assign a page to every plane; raise `ValueError` if two planes get one page, or one plane gets two pages."""
     taken: set[Page] = set()
     begin = 0
     for image, pixels in zip(planes, images, strict=True):

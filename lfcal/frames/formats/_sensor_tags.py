@@ -34,8 +34,8 @@ def sensor_facts(path: Path, page: Any) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``cfa`` (pattern by rows), ``black_level`` (sample value; one per position of the pattern, if there is one),
-        ``saturation``, ``gains``, as far as they are stated.
+        ``cfa`` (pattern by rows), ``black_level`` (a sample value, or one for each position of the pattern),
+        ``saturation`` and ``gains`` (one for each position of the pattern), as far as they are stated.
 
     Raises
     ------

@@ -94,7 +94,7 @@ class NDTiffImage(ImageFile):
         return [entry for entry in entries if str(entry.axes.get("channel")) == channel]
 
     def _check_sizes(self) -> None:
-        """Raise if an image or its metadata extend beyond their file."""
+        """Raise `FileFormatError` if an image or its metadata extend beyond their file."""
         sizes: dict[str, int] = {}
         length = math.prod(self.shape) * self.dtype.itemsize
         for entry in self._entries:

@@ -87,7 +87,7 @@ class PngImage(ImageFile):
         return samples_of(image, self.dtype)
 
     def _decode(self, data: bytes) -> NDArray[Any]:
-        """Return one component of a colour image, or an interlaced one."""
+        """Return one component of a colour image, or an interlaced grey image."""
         from lfcal.base import cv2
 
         with decoding(self.path, "PNG"), caught_messages():

@@ -170,7 +170,7 @@ class TiffImage(ImageFile):
         self.metadata = known
 
     def _codec(self, page: Any) -> str:
-        """Return how a page is compressed; raises `FileFormatError` for lossy compression."""
+        """Return the name of a page's compression scheme; raise `FileFormatError` for lossy compression."""
 
         def stored() -> bytes:
             if not page.dataoffsets or page.dataoffsets[0] <= 0:
@@ -247,7 +247,7 @@ class TiffImage(ImageFile):
         return np.ascontiguousarray(self._read_rows(where, rows)[:, columns])
 
     def _locate(self, number: int) -> tuple[Any, int | None]:
-        """Return the page and, if its samples are contiguous, the offset of the first."""
+        """Return the page and, if its samples are contiguous, the offset of the first sample; else None."""
         self.check_page(number)
         with self._lock, decoding(self.path, "TIFF"):
             at = number if self._full is None else self._full[number]

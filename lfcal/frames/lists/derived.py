@@ -178,7 +178,7 @@ def _lateral_axes(
 
 
 def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
-    """Raise if frames have the shape of the sensor turned by 90 degrees."""
+    """Raise `InputError` if frames have the shape of the sensor turned by 90 degrees."""
     rows, columns = camera.sensor.shape
     if light is not None and light.shape == (columns, rows) and rows != columns:
         sides = any_of(turn.option for turn in ORIENTATIONS.values() if turn.transposed)
@@ -191,7 +191,7 @@ def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
 
 
 def _check_period(period: tuple[int, int], camera: Camera) -> None:
-    """Raise an error unless the positions cover whole periods of the camera."""
+    """Raise `InputError` unless the positions cover whole periods of the camera."""
     for n, p, what in zip(period, camera.period_px, ("rows", "columns"), strict=True):
         cells = max(1, round(n / p))
         if abs(n - cells * p) > 0.5 * cells + 1e-6:

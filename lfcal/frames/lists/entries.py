@@ -48,7 +48,7 @@ def located(listing: Listing, root: Path) -> Listing:
 
 
 def _check_pages(listing: Listing, files: Sequence[str]) -> None:
-    """Raise if a list of single frames names a file twice: its rows are not pages."""
+    """Raise `FileFormatError` if a list of single frames names a file twice: its rows are not pages."""
     counts = Counter(files)
     twice = [name for name, times in counts.items() if times > 1]
     if 2 * len(twice) < len(counts):

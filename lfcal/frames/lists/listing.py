@@ -170,7 +170,7 @@ def _unit(
 
 
 def _check_planes(table: Table, column: Column, numbers: NDArray[np.float64]) -> None:
-    """Raise unless planes are counted from 0 or 1."""
+    """Raise `FileFormatError` unless planes are counted from 0 or 1."""
     odd = np.flatnonzero((numbers != np.round(numbers)) | (numbers < 0))
     if odd.size or numbers.min() > 1:
         k = int(odd[0]) if odd.size else int(numbers.argmin())

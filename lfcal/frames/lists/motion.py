@@ -172,7 +172,7 @@ def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class StageOrientation:
-    """Stage axes and the orientation of frames that they imply, with an alternative if the light leaves one open.
+    """Stage axes and the orientation of frames that they imply, with an alternative if the light allows one.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ UNITS = {"um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6}
 SCALE_TOLERANCE = 0.01
 """Largest relative difference from the plan's scale that is not reported."""
 PLANE_TOLERANCE = 0.1
-"""Largest unreported distance of a plane from the plan's, as a fraction of the smallest distance of planes."""
+"""Largest unreported distance of a plane from the planned one, as a fraction of the smallest plane spacing."""
 ReadFrame = Callable[[int], NDArray[Any]]
 """Function that returns the frame of a row of the list."""
 
@@ -202,7 +202,7 @@ def _another_scan(grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int]) -> I
 
 
 def _changes(first: Sequence[str], other: Sequence[str]) -> tuple[int, int]:
-    """Return the number of axes, and of signs, in which two statements differ."""
+    """Return the number of axes, and of signs, in which two sets of stage axes differ."""
     return sum(a[1] != b[1] for a, b in zip(first, other, strict=True)), sum(
         a[0] != b[0] for a, b in zip(first, other, strict=True)
     )
@@ -246,7 +246,7 @@ def _misfit(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> fl
 
 
 def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage: StageAxes) -> Placing:
-    """Return the placing with its drift, or raise if it is implausible."""
+    """Return the placing with its drift; raise `InputError` if it is implausible."""
     affine, rest = _affine(listing, plan, positions)
     steps = np.array([plan.step_um(z) for z in range(plan.shape[0])])[positions[:, 0]]
     # actual minus planned position of the source, in resampled and then in sensor pixels
@@ -278,7 +278,7 @@ def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage
 
 
 def _check_once(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> None:
-    """Raise if more frames belong to one position than the plan averages."""
+    """Raise `InputError` if more frames belong to one position than the plan averages."""
     _, number, counts = np.unique(positions, axis=0, return_inverse=True, return_counts=True)
     if counts.max() > plan.frames_averaged:
         first, second = np.flatnonzero(number.ravel() == counts.argmax())[:2]
@@ -292,7 +292,7 @@ def _check_once(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -
 
 
 def _lateral_scale(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tuple[float, str]:
-    """Return the scale along x and y in micrometres of the plan's object space, 0 if none, and the nearest unit."""
+    """Return the size of the list's unit along the lateral axes (µm; 0: undetermined), and the nearest unit."""
     lateral = [k for k in range(3) if AXES[k] != plan.stage.away[1]]
     per = [float(np.linalg.norm(affine[1 + k, :2])) for k in lateral if affine[1 + k].any()]
     if not per:
@@ -328,7 +328,7 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
 
 
 def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float64], plan: ScanPlan) -> list[str]:
-    """Return notes on how the list's plane distances differ from the plan, or raise if they are implausible."""
+    """Return notes on how the list's plane distances differ from the plan; raise `InputError` if implausible."""
     if len(plan.depths_um) < 2:
         return []
     axis = AXES.index(plan.stage.away[1])

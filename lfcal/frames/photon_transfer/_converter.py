@@ -1,4 +1,4 @@
-"""Properties of the converter from the sample values alone: bits in use, alignment, clipping, averaging."""
+"""Properties of the A/D converter from the sample values alone: bits in use, alignment, clipping, averaging."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROWS = 64
 
 @dataclass(frozen=True)
 class Converter:
-    """Properties of the converter found in a series of frames.
+    """Properties of the analogue-to-digital converter found in a series of frames.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class ConverterScan:
                 self.step = 1.0
 
     def result(self) -> Converter:
-        """Return the properties found in the histogram; raises `InputError` if all samples are equal."""
+        """Return the properties found in the histogram; raise `InputError` if all samples are equal."""
         values = np.flatnonzero(self.counts)
         # if the brightest frames are not integers, the others do not show the converter's upper end
         if not values.size or self.step < 1 or self.top > values[-1]:

@@ -35,7 +35,7 @@ class PhotonTransferCurve:
     points
         All measured points, the dark one first.
     used
-        Which of the points were fitted.
+        Mask ``(n,)``, True at the points that were fitted.
     slope
         K (sample values per electron); None if it is undetermined.
     constant
@@ -145,7 +145,7 @@ def _fitted(points: TransferPoints, limit: float, whole: bool, saturation: Measu
 def _least_squares(
     x: NDArray[np.float64], y: NDArray[np.float64], n: NDArray[np.float64], terms: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the coefficients of a polynomial, their covariance (scaled by the scatter), and chi² per freedom."""
+    """Return polynomial coefficients, their covariance (scaled by the scatter), and chi² per degree of freedom."""
     scale = float(x.max())
     base = np.stack([(x / scale) ** k for k in range(terms)], axis=1)
     floor = max(1e-4 * float(y.max()), 1e-12)

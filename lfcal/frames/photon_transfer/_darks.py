@@ -46,7 +46,7 @@ class DarkLevel:
     likeness
         Correlation of neighbours' noise (along columns, along rows).
     good
-        Pixels that are not hot.
+        Mask, True at pixels that are not hot.
     frame_means
         Mean of each frame.
     """
@@ -85,7 +85,7 @@ class DarkLevel:
 
 
 def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) -> DarkLevel:
-    """Measure the darks of one exposure; raises `InputError` for a single dark, or identical ones."""
+    """Measure the darks of one exposure; raise `InputError` for a single dark, or identical ones."""
     if len(frames) < 2:
         raise InputError.expected(
             "darks", "two or more of each exposure", f"one ({frames[0].label})", "record at least a pair"
@@ -178,11 +178,11 @@ def offset_scatter(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
 
 
 def dark_current(levels: Sequence[DarkLevel], slope: MeasuredValue) -> tuple[MeasuredValue | None, str]:
-    """Return the dark current (electrons per pixel and second) from darks of several exposures, and a note or ``""``.
+    """Return the dark current (electrons per pixel and second) from darks of several exposures, and a note.
 
     It is derived from the growth of the mean level with exposure, or from that of the variance if the camera subtracts
-    its dark signal. The note states the latter, or why the dark current is unknown. ``slope`` is the gain (sample
-    values per electron).
+    its dark signal. The note states the latter, or why the dark current is unknown; otherwise it is empty.
+    ``slope`` is the gain (sample values per electron).
     """
     known = sorted((one for one in levels if one.exposure_s), key=lambda one: one.exposure_s or 0.0)
     if len({one.exposure_s for one in known}) < 2:

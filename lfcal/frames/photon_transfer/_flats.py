@@ -106,7 +106,7 @@ def measure_linearity(
     levels
         Flats of one lamp at several exposures.
     good
-        Good pixels.
+        Mask of the good pixels.
     top
         Signal above black at saturation (sample values).
     dark_rate, shortest_s
@@ -175,7 +175,7 @@ def measure_prnu(
     dark_variance
         Variance of a pixel in the subtracted mean dark (squared sample values).
     good
-        Good pixels.
+        Mask of the good pixels.
     cfa
         Colour filter pattern.
     """

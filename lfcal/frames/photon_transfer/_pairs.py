@@ -33,7 +33,7 @@ MIN_PIXELS = 200
 """Smallest number of pixels in a bin; this number determines a variance to 10 %."""
 
 COARSE, LEAST_WIDTH = 4.0, 3.0
-"""Variance of integer samples below which bins have a minimum width and end between possible means; this width."""
+"""Variance of integer samples below which bins have a minimum width and end between possible means; that width."""
 
 CLIP_SIGMA = 6.0
 ROLLING_CHI2 = 3.0
@@ -85,7 +85,7 @@ class FramePair:
     bright
         Mean of all flats of this level minus the dark, by which pixels are sorted.
     good
-        Good pixels.
+        Mask of the good pixels.
     cfa
         Colour filter pattern, empty for none.
     frames

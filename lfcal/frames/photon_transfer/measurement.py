@@ -231,7 +231,7 @@ def _saturation(
 def _pattern(
     levels: Sequence[FlatLevel], dark: DarkLevel, curve: PhotonTransferCurve, top: float, cfa: str, notes: list[str]
 ) -> tuple[MeasuredValue | None, int]:
-    """Return pixel response and dead pixels, from the flats nearest to half of saturation."""
+    """Return the PRNU and the number of dead pixels, from the flats nearest to half of saturation."""
     means = np.array([float(level.bright[dark.good].mean(dtype=np.float64)) for level in levels])
     nearest = int(np.argmin(np.abs(means - 0.5 * top)))
     level = levels[nearest]

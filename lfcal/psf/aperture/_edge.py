@@ -187,7 +187,7 @@ def matched_edge(edge: Edge, outline: Values) -> Edge:
 
 @dataclass(frozen=True, slots=True)
 class _Slope:
-    """The fall of light across the edge, averaged over all of it: distance outwards, slope, and blur (pixels)."""
+    """The fall of light across the edge, averaged over the whole edge: distance outwards, slope, and blur (pixels)."""
 
     distance: Values
     slope: Values

@@ -26,7 +26,7 @@ class LitPatch:
     Attributes
     ----------
     background, noise
-        Median and scaled median deviation of the cutout's border.
+        Median of the cutout's border, and standard deviation estimated from its median absolute deviation.
     level
         Lit level above the background.
     row, column, radius
@@ -54,7 +54,7 @@ def offsets(shape: tuple[int, ...], row: float, column: float) -> tuple[Image, I
 
 
 def mad(values: NDArray[np.float64]) -> float:
-    """Return the standard deviation estimated from the median deviation."""
+    """Return the standard deviation of normally distributed values, estimated from the median absolute deviation."""
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 

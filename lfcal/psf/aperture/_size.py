@@ -85,7 +85,7 @@ def measured_area(patch: LitPatch, edge: Edge, area: float) -> tuple[float, floa
 
 
 def _left(light: Values, outside: Values, blur: float, noise: float) -> tuple[float, float]:
-    """Return the light that left the outline beyond the edge, seen or not, and its variance (pixels squared)."""
+    """Return the light beyond the edge, inside the cutout and outside, and its variance (pixels squared)."""
     near = NEAR * blur
     # a ring that the border of the cutout does not intersect
     border = _border(outside)

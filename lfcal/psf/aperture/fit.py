@@ -26,7 +26,7 @@ LEAST_RADIUS = 3.0
 """Radius below which a lit patch is the image of a point in focus, without an outline to fit (pixels)."""
 
 MOST_TOUCHING = 0.1
-"""Fraction of the cutout's border that is lit, above which no outline is fitted."""
+"""Lit fraction of the cutout's border above which no outline is fitted."""
 
 CURVATURE_FLOOR = 0.01
 """Smallest standard error of the curvature, due to the size of pixels."""
