@@ -97,7 +97,7 @@ class SetupMeasuring(QObject):
         self._start(key, lambda: station.use(works[key]()), lambda found: self._found(key, found, plan))
 
     def _start(self, key: str, work: Callable[[], Any], done: Callable[[Any], None]) -> None:
-        """Run a job with the devices; its result is shown below its button."""
+        """Run a job with the devices; its result is shown below the button of the measurement."""
         title = {name: text for name, text, _ in (*FINDINGS, *STILLS)}[key]
         self.panel.show_result(key, MEASURING)
         self._job = self.context.jobs.start(

@@ -39,7 +39,7 @@ READ_S = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """One live frame with its state; ``frame`` is None if none arrived, and ``state.trouble`` says why."""
+    """One live frame with its state; ``frame`` is None if none arrived, and ``state.trouble`` states why."""
 
     frame: LiveFrame | None
     state: LiveState
@@ -260,7 +260,7 @@ def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
 
 
 def in_limits(target: Point, limits: Limits) -> None:
-    """Raise `LimitError` if ``target`` is outside ``limits`` (µm); nothing moves."""
+    """Raise `LimitError` if ``target`` is outside ``limits`` (µm), or `InputError` if it is not finite."""
     for name, value, (low, high) in zip("xyz", target, limits, strict=True):
         if not math.isfinite(value):
             raise InputError.expected(f"stage axis {name}", "a number (µm)", value, "enter a number")

@@ -154,7 +154,7 @@ class RecordPanel(QWidget):
         return widget
 
     def _map_box(self) -> QWidget:
-        """Create the map of the selected plane, with the choice of its quantity as title."""
+        """Create the box for the map of the selected plane, with the choice of the quantity as title."""
         self.quantity = choice_box(QUANTITIES, "Quantity that the map shows for each position", "quantity of the map")
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.map_words = ElidedLabel(role="hint")

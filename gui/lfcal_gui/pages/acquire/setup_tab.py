@@ -299,7 +299,7 @@ class SetupTab(QObject):
 
 
 def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:
-    """Return the found backends, the options of each, and whether it provides a stage."""
+    """Return the found backends, the options of each, and whether each provides a stage."""
     from lfcal.devices import find_backends, get_backend
 
     findings = find_backends()

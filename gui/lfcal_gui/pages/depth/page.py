@@ -114,7 +114,7 @@ class Page(BasePage):
 
     # -- frame -----------------------------------------------------------------------------------------
     def choose_frame(self) -> None:
-        """Ask for a frame."""
+        """Ask for a frame, and open it."""
         path = QFileDialog.getOpenFileName(self, "Open frame", "", IMAGES)[0]
         if path:
             self.open_frame(path)

@@ -102,7 +102,7 @@ class FrameSettings(PageSettings):
         return options_in(Assemble, dict(self.options))
 
     def usable(self) -> None:
-        """Raise `InputError` if the orientation is unknown, or if the origin is not a row and a column."""
+        """Raise `InputError` if orientation or origin are invalid, or if values of the task do not match."""
         parse_origin(self.origin)
         task_of(self, "frames", "H.h5")
         if self.orientation != CHECK:

@@ -109,7 +109,7 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
 
 
 def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
-    """Open the frames with the project's plan, or with a plan made from a list of another scan."""
+    """Open the frames with the project's plan or, if their list is of another scan, with a plan made from the list."""
     try:
         return _opened(found, plan, camera)
     except InputError as error:
@@ -217,7 +217,7 @@ def _own_plan(choice: ImportChoice) -> ScanPlan | None:
 
 
 def _derived(choice: ImportChoice, camera: Camera) -> tuple[ScanPlan | None, list[str]]:
-    """Return the plan derived from a list of stage coordinates; None if there is no such list."""
+    """Return the plan derived from a list of stage coordinates (None without such a list) and notes on it."""
     path = import_choice.list_of(choice)
     if path is None or is_plain(path):
         return None, []

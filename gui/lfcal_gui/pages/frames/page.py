@@ -184,13 +184,16 @@ class Page(BasePage):
         self.context.project.update(key.replace("_", " "), settings=settings.into(self.context.state))
 
     def choose_folder(self) -> None:
-        """Ask for a folder of frames."""
+        """Ask for a folder of frames, and import it."""
         path = QFileDialog.getExistingDirectory(self, "Folder of frames")
         if path:
             self.open_folder(path)
 
     def open_folder(self, path: str) -> None:
-        """Import the frames of a folder if they can be opened, with dark frames, white frames and plan near it."""
+        """Import the frames of a folder with dark frames, white frames and plan near it.
+
+        If this fails, the dialog for frames from other programs opens.
+        """
         settings, plan = self.settings, self.context.state.plan
 
         def failed(words: str) -> None:

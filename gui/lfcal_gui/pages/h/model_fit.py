@@ -153,7 +153,7 @@ class Offer:
     def camera_words(self, settings: FitSettings, window: Camera, plan: ScanPlan | None) -> tuple[str, str]:
         """Return a line of text on the camera from which the fit starts, and its role as in `noise_words`.
 
-        ``window`` and ``plan`` are those of the window.
+        ``window`` and ``plan`` are camera and plan of the project.
         """
         if self.unfit:
             return f"H does not match its own camera: {self.unfit}.", "error"
@@ -173,7 +173,8 @@ class Offer:
     def lacking(self, settings: FitSettings, window: Camera, plan: ScanPlan | None) -> dict[str, str]:
         """Return the groups for which the fitted camera has no unknowns, each with the reason.
 
-        ``window`` and ``plan`` are those of the project. The result is empty if neither H nor plan states a camera.
+        ``window`` and ``plan`` are camera and plan of the project. The result is empty if neither H
+        nor plan states a camera.
         """
         own = self.plan
         if own is None:

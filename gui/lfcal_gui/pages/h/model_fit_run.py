@@ -353,7 +353,7 @@ def merit_of(fit: Fit) -> str:
 
 
 def verdict_of(fit: Fit) -> str:
-    """Return one sentence on how reliable the fit is."""
+    """Return a short text on how reliable the fit is."""
     error = fit.held_out_error
     off = (
         f"H of this camera has an error of {error}"

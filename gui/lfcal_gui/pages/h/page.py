@@ -381,7 +381,7 @@ class Page(BasePage):
         load(0)
 
     def choose_file(self) -> None:
-        """Ask for an H file."""
+        """Ask for an H file, and open it."""
         path = QFileDialog.getOpenFileName(self, "Open H", "", FILES)[0]
         if path:
             self.open_file(path)
@@ -408,7 +408,7 @@ class Page(BasePage):
     def receive(self, payload: Any) -> None:
         """Show a position (z, y, x), a level of the inspector or a fit that another page sent.
 
-        A mapping has a ``place`` and a ``view``, which are shown once H and its reference are open.
+        A mapping has a ``place`` and a ``view``, which are shown once H and the reference are open.
         """
         if isinstance(payload, str):
             self.look_into(payload)

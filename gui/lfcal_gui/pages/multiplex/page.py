@@ -147,7 +147,7 @@ class Page(BasePage):
         self._edited("compared", tuple(n for n in settings.compared if n not in here) + ticked)
 
     def choose_image(self) -> None:
-        """Ask for an image."""
+        """Ask for an image, and open it."""
         path = QFileDialog.getOpenFileName(self, "Open image", "", IMAGES)[0]
         if path:
             self.open_image(path)

@@ -160,7 +160,7 @@ class SolidPicture(Picture):
         self._newest.ask(work, take)
 
     def _scene(self, *, quick: bool) -> Viewpoint | None:
-        """Return the visible part of the scene in screen pixels."""
+        """Return the viewpoint of the visible part of the volume; None if nothing is visible."""
         seen, ratio = self.box.viewRect(), self.devicePixelRatioF()
         width, height = self.box.width() * ratio, self.box.height() * ratio
         if not (width > 1 and height > 1 and seen.width() > 0):

@@ -101,7 +101,10 @@ class ExportSettings(PageSettings):
         return cls(suffix=Path(path).suffix.lower())
 
     def changed(self, key: str, value: Any) -> Self:
-        """Return the settings with one value changed; interpolation applies only if a lens is centred."""
+        """Return the settings with one value changed.
+
+        Choosing an interpolation also centres a lens; switching the centring off clears the interpolation.
+        """
         if key == "position":
             value = value_in(ExportTiff, key, value) or ()
         changes: dict[str, Any] = {key: value}

@@ -132,7 +132,7 @@ def synthetic_shape(H: PSFMatrix) -> tuple[int, int]:
 def make_light_field(
     H: PSFMatrix, name: str, path: str, *, shape: tuple[int, int] | None = None, counts: float = COUNTS, seed: int = 0
 ) -> Synthetic:
-    """Project the phantom ``name`` through ``H``, add photon noise, and write it as a 16-bit TIFF.
+    """Project the phantom ``name`` through ``H``, add photon noise, and write the image as a 16-bit TIFF.
 
     Parameters
     ----------

@@ -247,7 +247,7 @@ class Page(BasePage):
 
     # -- light field -----------------------------------------------------------------------------------
     def choose_light_field(self) -> None:
-        """Ask for a light field."""
+        """Ask for a light field, and open it."""
         path = QFileDialog.getOpenFileName(self, "Open light field", "", IMAGES)[0]
         if path:
             self.open_light_field(path)
@@ -273,7 +273,7 @@ class Page(BasePage):
         return taken
 
     def open_any(self, path: str) -> None:
-        """Open a light field or a volume. The place H opens an H."""
+        """Open a light field or a volume; an H is opened in the place H."""
 
         def read(found: NDArray[Any] | OpenedVolume | None) -> None:
             if isinstance(found, OpenedVolume):

@@ -89,7 +89,7 @@ def merits_of(found: Trend) -> list[str]:
 
 
 def trend_words(found: Trend) -> tuple[str, str]:
-    """Return what got worse, which sessions were compared, and the notes on them, as text."""
+    """Return two texts: what got worse, and which sessions were compared, with notes on them."""
     from lfcal.judge import TOO_SHORT
 
     names = ", ".join(one.title for one in found.worse)

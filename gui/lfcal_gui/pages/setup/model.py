@@ -239,7 +239,10 @@ def all_assumed(camera: Camera) -> Camera:
 
 
 def stated(before: Camera, after: Camera, key: str) -> Camera:
-    """Return ``after``, which differs from ``before`` in one field, with that field marked as stated."""
+    """Return ``after``, which differs from ``before`` in one field, with that field marked as stated.
+
+    With another kind of optics, the values of the replaced parts are marked as assumed.
+    """
     if key == "optics.kind":
         changed = [k for k in ("optics", "lattice") if type(getattr(before, k)) is not type(getattr(after, k))]
         parts = tuple(f"{part}." for part in changed)

@@ -207,7 +207,7 @@ class Page(BasePage):
             self._target.forget()
 
     def _ask_camera(self) -> None:
-        """Ask which camera is used, in place of the values of a preset."""
+        """Ask which camera is used, instead of showing the values of a preset."""
         presets = {name: partial(self._take_preset, name) for name in PRESETS}
         choices: dict[str, Deed] = {
             "Import a camera file …": (BUTTONS["import"][1], self.import_file),
@@ -378,7 +378,7 @@ class Page(BasePage):
         self.load(Path(path).name, lambda: _checked(import_camera(path)), read)
 
     def _note_imported(self, found: Imported) -> None:
-        """Report which values the file does not state, and show the fields for them."""
+        """Report notes and doubts on an imported camera; unfold all values if some are assumed."""
         count = len(found.camera.marks.paths("assumed"))
         if count:
             self.panel.inspector.values.open()
