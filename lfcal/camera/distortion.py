@@ -62,7 +62,7 @@ class BrownDistortion:
 
 
 def polynomial_powers(degree: int) -> list[tuple[int, int]]:
-    """Return the powers (i, j) of u^i v^j from order 2 to ``degree``: u², uv, v², then u³, u²v and so on."""
+    """Return the powers (i, j) of u^i v^j from order 2 to ``degree``: u², uv, v², then u³, u²v, and so on."""
     return [(order - j, j) for order in range(2, degree + 1) for j in range(order + 1)]
 
 

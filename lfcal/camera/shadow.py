@@ -14,8 +14,8 @@ from lfcal.camera.pupil_lenslets import PupilLenslets
 __all__ = ["cutout_for", "half_extent_px", "rms_radius_px"]
 
 AIRY_RADII = 3.0
-"""Margin in Airy radii of a lenslet. Of a spot at the pattern's edge, 5.7 % of the light is outside; of the whole
-pattern, much less."""
+"""Margin in Airy radii of a lenslet. Of a spot at the pattern's edge, 5.7 % of the light is outside; of the
+whole pattern, much less."""
 
 ELEMENTAL_AIRY_RADII = 8.0
 """Margin in Airy radii of single lenslets with spots far apart: 2.1 % of the light of an outer spot is outside."""

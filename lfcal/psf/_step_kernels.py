@@ -37,7 +37,7 @@ def light_by_line(pattern: NDArray[Any], rows: NDArray[Any], columns: NDArray[An
 
 @njit(error_model="numpy")
 def error_of_step(pattern: NDArray[Any], window: tuple[int, int, int, int], step: float) -> float:
-    """Return the total rounding error of values within ``window`` (first and last row, column) in whole steps."""
+    """Return the total error of rounding values within ``window`` (first and last row, column) to whole steps."""
     error, each = 0.0, 1 / step
     for t in range(window[0], window[1] + 1):
         line, lacking = pattern[t], 0.0
@@ -51,7 +51,7 @@ def error_of_step(pattern: NDArray[Any], window: tuple[int, int, int, int], step
 def write_steps(
     pattern: NDArray[Any], window: tuple[int, int, int, int], step: float, most: int, out: NDArray[Any]
 ) -> tuple[float, float, float, int]:
-    """Fill ``out`` (nt, ns), float32, with the values of ``pattern`` in whole steps; outside ``window`` all are 0.
+    """Fill ``out`` (nt, ns), float32, with ``pattern`` rounded to whole steps; outside ``window``, all values are 0.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def round_pattern(pattern: NDArray[Any], step: float, out: NDArray[Any]) -> None
 
 @njit(error_model="numpy")
 def add_rounded(pattern: NDArray[Any], step: float, total: NDArray[np.float64]) -> tuple[float, float]:
-    """Add ``pattern`` in whole steps to ``total`` (nt, ns); return the sums of errors and of magnitudes."""
+    """Add ``pattern``, rounded to whole steps, to ``total`` (nt, ns); return the sums of errors and of magnitudes."""
     error, size, each = 0.0, 0.0, 1 / step
     for t in range(pattern.shape[0]):
         line, to = pattern[t], total[t]

@@ -52,12 +52,12 @@ LEAST_STEP = 2.0**-126
 
 @dataclass(frozen=True, eq=False)
 class SteppedPlane:
-    """A plane of H in whole steps.
+    """A plane of H rounded to whole steps.
 
     Attributes
     ----------
     values
-        ``(ny, nx, nt, ns)``, float32, each a whole multiple of its pattern's step.
+        Values ``(ny, nx, nt, ns)``, float32, each a whole multiple of its pattern's step.
     step
         ``(ny, nx)``, float32, with at most `DIGITS` binary digits, so that multiples have few digits and compress well.
     cut, rounding

@@ -193,7 +193,7 @@ def _pair(values: F8, valid: NDArray[np.bool_]) -> _Samples:
 
 
 def _unexplained(difference: F8, light: F8, valid: NDArray[np.bool_]) -> F8:
-    """Return a difference of frames without what light and its gradient explain: lamp and stage differ a little."""
+    """Return a difference of frames minus the part due to lamp and stage, which light and its gradient explain."""
     light = np.where(np.isfinite(light), light, 0.0)
     slopes = np.gradient(light) if min(light.shape) > 1 else []
     basis = np.stack([one[valid] for one in (light, *slopes)], axis=1)

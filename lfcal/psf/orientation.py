@@ -233,7 +233,7 @@ def _by_place(
     frame: tuple[int, int],
     sensor: tuple[int, int],
 ) -> tuple[str, str]:
-    """Return the one of ``alike`` whose path is where planned, and the reason why there is none; one is empty."""
+    """Return the orientation of ``alike`` whose path is where planned, or ``""``, and why there is none, or ``""``."""
     # frames whose shape fits the sensor are never turned by 90 degrees
     shaped = [one for one in alike if ORIENTATIONS[one].shape(frame) == sensor] or alike
     away = sorted((math.hypot(*fits[name].offset_px), name) for name in shaped)

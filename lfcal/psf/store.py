@@ -172,7 +172,7 @@ class MatrixGroup:
         self._written[z] = True
 
     def _write_steps(self, z: int, plane: NDArray[Any], facts: Facts, tolerance: float) -> None:
-        """Write plane ``z`` in whole steps, within a tolerance."""
+        """Write plane ``z``, rounded to whole steps, within a tolerance."""
         from lfcal.psf._transpose import depth_sum
 
         workers = self._workers
