@@ -45,7 +45,7 @@ class Rail(QFrame):
         self.menu = QMenu(self)
         self.more = RailButton("More", _dots)
         self.more.setCheckable(False)
-        self.more.setToolTip("Open multiplexing, accuracy, sessions or the log")
+        self.more.setToolTip("Open Multiplexing, Accuracy, Watch H, Sessions or the log")
         self.more.clicked.connect(self._open_menu)
         column.addWidget(self.more)
         self.apply_theme()

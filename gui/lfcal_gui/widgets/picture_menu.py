@@ -20,7 +20,7 @@ from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 ROWS = 64
 """Number of rows of a picture that are written in one step."""
 
-PICTURES = "PNG (*.png);;SVG, lines stay lines (*.svg)"
+PICTURES = "PNG (*.png);;SVG, scalable (*.svg)"
 
 Entry = tuple[str, Callable[[], Any]]
 

@@ -61,7 +61,7 @@ def _point(rung: LadderRung) -> CostPoint:
 PART = AccuracyPart(
     "sampling",
     "Simulation: level and sampling",
-    "relative L1 error of the computation, with the same scene for all",
+    "relative L1 error of the computation, with the same effects for all samplings",
     "processor time for H, predicted from the time of this computation",
     "seconds",
     measure,

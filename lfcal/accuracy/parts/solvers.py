@@ -84,7 +84,7 @@ def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup
 PART = AccuracyPart(
     "solvers",
     "Reconstruction: solver and iterations",
-    "rms error of the volume, relative to its rms",
+    "rms error of the volume, relative to the rms of the true volume",
     "time of the iterations",
     "seconds",
     measure,
