@@ -108,6 +108,8 @@ class Picture(QWidget):
     """The pixel under the pointer, also emitted when the picture changes; row -1: the pointer left."""
     clicked = Signal(int, int, arguments=["row", "column"])
     """A pixel was clicked."""
+    pressed = Signal()
+    """In a steered picture, the left button was pressed; `steered_to` follows."""
     steered_to = Signal(int, int, arguments=["row", "column"])
     """The pointer was dragged to a pixel; outside the picture, to the nearest one."""
     dragged = Signal(int, int, arguments=["rows", "columns"])
@@ -502,6 +504,8 @@ class Picture(QWidget):
             at = self.box.mapSceneToView(place)
             self._held = self._steered or (self._grip is not None and self._grip.contains(at))
             self._dragged_from = at
+            if self._steered:
+                self.pressed.emit()
         if self._held and kind in (QEvent.Type.MouseButtonPress, QEvent.Type.MouseMove):
             (self._steer if self._steered else self._drag)(place)
             return True

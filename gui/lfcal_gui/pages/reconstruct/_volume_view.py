@@ -18,6 +18,7 @@ from lfcal_gui.base_page import EmptyState
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, plane_words, turned
 from lfcal_gui.pages.reconstruct._solid_picture import Newest, SolidPicture, View
+from lfcal_gui.pages.reconstruct.model_regions import DrawnLabels, DrawnRegions
 from lfcal_gui.pages.reconstruct.model_volume import (
     MODES,
     QUANTITIES,
@@ -183,19 +184,21 @@ class _Sides(QWidget):
 
 
 def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, cell: ViewCell, levels: Levels | None) -> Shot:
-    """Return the picture of a volume from one side, with the cross."""
+    """Return the picture of a volume from one side, with the cross and the drawn regions."""
     shown = side(intent, prepared, key, cell)
     at = {axis: float(places[getattr(intent, axis)]) for axis, places in prepared.axes.items()}
     rows, columns = (n * shown.pixel for n in shown.values.shape)
     frame = shown.origin[0] - shown.pixel / 2, shown.origin[1] - shown.pixel / 2, rows, columns
     lines = _line(True, at[cell.across], frame), _line(False, at[cell.down], frame)
+    cut = {axis: None if intent.mode == MODES[2] else getattr(intent, axis) for axis in "xyz"}
+    drawn = intent.regions.overlays(cell.across, cell.down, cut, prepared.edges) if intent.regions.boxes else ()
     return Shot(
         shown.values,
         name=f"volume_{key}",
         levels=levels,
         origin=shown.origin,
         step=shown.pixel,
-        overlays=lines if intent.cross else (),
+        overlays=(*(lines if intent.cross else ()), *drawn),
         pixel_um=shown.pixel if prepared.solid.measured else None,
     )
 
@@ -247,12 +250,14 @@ class VolumeView(QWidget):
         self._volume: NDArray[Any] | None = None
         self._newest = Newest(jobs, f"volume {id(self)}")
         self._emptied = 0
+        self._corner: dict[str, int] = {}
         self._light_field = False
         self._jobs = jobs
         self.looks: tuple[VolumePanes, ...] = (VolumePanes("Volume", jobs, first=True),)
         self.solid, self.pictures = self.looks[0].solid, self.looks[0].pictures
         self.slice = Picture(VALUE, steered=True, legend=False)
         self.slice.setAccessibleName("Slice at the cross")
+        self.slice.pressed.connect(self._press)
         self.slice.steered_to.connect(partial(self._steer_in, self.looks[0], self.slice, FRONT_VIEW))
         self.light_field = Picture(legend=False)
         self.light_field.setToolTip("Light field to reconstruct. The rectangle shows the region that is used")
@@ -301,6 +306,7 @@ class VolumeView(QWidget):
         for look in new:
             look.make_sides()
             for key, picture in look.pictures.items():
+                picture.pressed.connect(self._press)
                 picture.steered_to.connect(partial(self._steer, look, key))
                 picture.moved.connect(partial(self._follow, look, key))
         self._share()
@@ -349,6 +355,16 @@ class VolumeView(QWidget):
             tick.setChecked(getattr(self.intent, key))
             tick.setToolTip(tip)
             tick.toggled.connect(lambda on, key=key: self._change(**{key: on}))
+        menu.addSeparator()
+        self.drawing = menu.addAction("Draw regions")
+        self.drawing.setCheckable(True)
+        self.drawing.setToolTip(
+            "Drag in a slice or a projection to draw a region, whose sum Error bars measures. Then drag in another one "
+            "to set its extent along the third axis"
+        )
+        self.no_regions = menu.addAction("Remove regions")
+        self.no_regions.setToolTip("Remove all drawn regions")
+        self.no_regions.triggered.connect(lambda _=False: self.remove_regions())
         menu.addSeparator()
         self.brightest = menu.addAction("Brightest voxel")
         self.brightest.setToolTip("Put the cross on the brightest voxel")
@@ -435,6 +451,8 @@ class VolumeView(QWidget):
         if first:
             z, y, x = found[0].brightest
             self.intent = replace(self.intent, z=z, y=y, x=x)
+        if shape != self.intent.regions.shape:
+            self.intent = replace(self.intent, regions=DrawnRegions(shape))
         self._show()
         if first:
             self.show_all()
@@ -498,7 +516,39 @@ class VolumeView(QWidget):
         if prepared is None:
             return
         at = {cell.down: shot.origin[0] + row * shot.step, cell.across: shot.origin[1] + column * shot.step}
-        self.set_cross(**{axis: int(np.argmin(np.abs(prepared.axes[axis] - place))) for axis, place in at.items()})
+        place = {axis: int(np.argmin(np.abs(prepared.axes[axis] - to))) for axis, to in at.items()}
+        if self.drawing.isChecked():
+            self._draw(place)
+        else:
+            self.set_cross(**place)
+
+    def _press(self) -> None:
+        self._corner = {}
+
+    def _draw(self, place: dict[str, int]) -> None:
+        """Draw a region from where the button was pressed to ``place``; its third axis is the slice or the whole."""
+        regions, slices = self.intent.regions, self.intent.mode != MODES[2]
+        if not self._corner:
+            self._corner = place
+            ends = {
+                axis: (at, at + 1) if slices else (0, n)
+                for axis, n in zip("zyx", regions.shape, strict=True)
+                for at in [getattr(self.intent, axis)]
+            }
+            regions = regions.begun(frozenset(place), ends)
+        self._change(regions=regions.extended({axis: (self._corner[axis], at) for axis, at in place.items()}))
+
+    def drawn_labels(self) -> DrawnLabels | None:
+        """Return the labels of the drawn regions; None if there are none."""
+        prepared, regions = self.prepared, self.intent.regions
+        if prepared is None or not regions.boxes:
+            return None
+        depths = prepared.solid.given if prepared.solid.measured else None
+        return DrawnLabels(regions.labels(), depths)
+
+    def remove_regions(self) -> None:
+        """Remove the regions that the user drew."""
+        self._change(regions=DrawnRegions(self.intent.regions.shape))
 
     def _read(self, look: VolumePanes, row: int, column: int) -> None:
         """Show position and value of the voxel under the pointer, or else of the cross."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lfcal.base import format_length
 from lfcal.reconstruct import UNKNOWN
 from lfcal_gui.models import DisplaySettings, Label, Levels, Outline, Overlay, Solid, Viewpoint, levels_of
+from lfcal_gui.pages.reconstruct.model_regions import DrawnRegions
 
 MODES = ("3-D", "Slices", "Projections")
 
@@ -77,6 +78,8 @@ class VolumeIntent:
         Whether the true volume is also shown, if known.
     display
         Scaling and colour map.
+    regions
+        Regions that the user drew.
     """
 
     z: int = 0
@@ -89,6 +92,7 @@ class VolumeIntent:
     cross: bool = True
     truth: bool = True
     display: DisplaySettings = field(default_factory=DisplaySettings)
+    regions: DrawnRegions = field(default_factory=DrawnRegions)
 
     def clamped(self, shape: tuple[int, ...]) -> VolumeIntent:
         """Return the intent with the cross inside a volume of ``shape``."""
@@ -148,6 +152,19 @@ class Prepared:
         """Positions of the voxels along each axis in the side views (µm)."""
         x, y, z = self.solid.axes
         return {"x": x, "y": y, "z": z * self.squeeze}
+
+    @cached_property
+    def edges(self) -> dict[str, NDArray[np.float64]]:
+        """Both edges of each voxel along each axis in the side views ``(n, 2)`` (µm)."""
+        found = {}
+        for axis, places in self.axes.items():
+            order = np.argsort(places, kind="stable")
+            ordered = places[order]
+            start, end = _edges(ordered, min(self.solid.sides))
+            bounds = np.concatenate([[start], (ordered[1:] + ordered[:-1]) / 2, [end]])
+            found[axis] = np.empty((len(places), 2))
+            found[axis][order] = np.stack([bounds[:-1], bounds[1:]], axis=1)
+        return found
 
     def words_at(self, z: int, y: int, x: int) -> str:
         """Return position and value of a voxel as text."""

@@ -11,9 +11,9 @@ from typing import Any
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base import LfcalError, format_seconds
+from lfcal.base import LfcalError, Work, format_seconds
 from lfcal.psf import empty_words
-from lfcal.tasks import RunSettings
+from lfcal.tasks import ReconstructBars, RunSettings
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
@@ -31,6 +31,7 @@ from lfcal_gui.models import (
 from lfcal_gui.pages.reconstruct._costing import Costing
 from lfcal_gui.pages.reconstruct._exporting import Exporting
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, device_reason
+from lfcal_gui.pages.reconstruct.model_regions import DrawnLabels, labels_file
 from lfcal_gui.pages.reconstruct.model_solving import (
     VOLUMES_ALONE,
     OpenedVolume,
@@ -123,6 +124,7 @@ class Page(BasePage):
             self._close()
         self.solving = self.synthetic = self.saved = self._seconds = None
         self._saved_as = ""
+        self.panel.view.remove_regions()
         self.panel.show_no_volume()
         self._show_controls()
 
@@ -533,36 +535,38 @@ class Page(BasePage):
 
     def bars(self, path: str = "") -> None:
         """Reconstruct the light field with error bars as a job, and show the volume; without a path, ask for one."""
-        context, state = self.context, self.context.state
+        state, drawn = self.context.state, self.panel.view.drawn_labels()
+
+        def made(out: str) -> ReconstructBars:
+            return bars_task(state, out, drawn=drawn is not None)
+
+        def files(out: Path) -> tuple[Path, ...]:
+            return (*made(str(out)).files("out"), *([labels_file(str(out))] if drawn else []))
+
         try:
-            path = path or ask_target(
-                self,
-                "Volume with error bars",
-                "volume.tif",
-                VOLUMES,
-                lambda chosen: bars_task(state, str(chosen)).files("out"),
-            )
-            if not path:
-                return
-            task = bars_task(state, path)
+            path = path or ask_target(self, "Volume with error bars", "volume.tif", VOLUMES, files)
+            if path:
+                self._start_bars(made(path), path, drawn)
         except LfcalError as error:
             self.refuse(str(error))
-            return
+
+    def _start_bars(self, task: ReconstructBars, path: str, drawn: DrawnLabels | None) -> None:
+        def work() -> Work[Any]:
+            if drawn is not None:
+                drawn.write(path)
+            # finished replicates of a stopped run are used again
+            return task.work(RunSettings(resume=True))
+
         title = f"Error bars of {Path(path).name}"
-
-        def show(_: Any) -> None:
-            self.load(Path(path).name, lambda: read_volume(path), self._take_volume)
-
-        context.jobs.start(
+        self.context.jobs.start(
             title,
             "reconstruct",
-            # finished replicates of a stopped run are used again
-            lambda: task.work(RunSettings(resume=True)),
-            show,
+            work,
+            lambda _: self.load(Path(path).name, lambda: read_volume(path), self._take_volume),
             kind="bars",
             keeping=KeptRun(path),
-            needs=(state.psf,),
-            taken=context.taken("reconstruct", title, path, lambda: CommandStep.of(task)),
+            needs=(str(task.psf),),
+            taken=self.context.taken("reconstruct", title, path, lambda: CommandStep.of(task)),
         )
 
     # -- stored volumes --------------------------------------------------------------------------------

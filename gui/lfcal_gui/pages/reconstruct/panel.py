@@ -203,8 +203,8 @@ class ReconstructPanel(QWidget):
         self.bars = self._button(
             "bars",
             "Error bars …",
-            "Reconstruct the volume again with the uncertainty of every voxel and of sums over labelled regions, "
-            "and save it. The settings Labels, Fit and Replicates apply",
+            "Reconstruct the volume again with the uncertainty of every voxel and of sums over regions, and save it. "
+            "Draw regions (menu Overlay) or choose a file of Labels. The settings Fit and Replicates apply",
         )
         self.more.fold_line(self.again, self.bars)
 

@@ -19,6 +19,7 @@ from lfcal.accuracy import CostPoint, Curve
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import SolverChoice, load_volume, save_volume
 from lfcal.reconstruct.projectors.device import ArrayDevice
+from lfcal.reconstruct.volumes import load_labels
 from lfcal_gui.context import Context
 from lfcal_gui.models import ProjectState, subject_of
 from lfcal_gui.pages.reconstruct import model
@@ -416,3 +417,32 @@ def test_error_bars_are_computed_and_shown(page: Page, context: Context, qtbot: 
     np.testing.assert_array_equal(shown["Known"][~hatched], value[~hatched])
     rows = list(csv.DictReader((tmp_path / "v_regions.csv").read_text().splitlines()))
     assert all(row[key] in page.panel.status.text() for row in rows for key in ("sum", "sigma", "sigma_noise"))
+
+
+def test_sums_over_drawn_regions_get_error_bars(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    make(page, qtbot, tmp_path / "light.tif")
+    chosen = replace(page.settings, replicates=3, margin=0, device="cpu", labels="other.tif")
+    context.project.update("settings", settings=chosen.into(context.state))
+    planes = len(context.matrix(context.state.psf))
+    view, out = page.panel.view, tmp_path / "v.tif"
+    view.set_volume(np.ones((planes, 24, 28), np.float32), np.arange(planes, 0.0, -1), (5.0, 5.0))
+    idle(context.jobs, qtbot)
+    view.drawing.trigger()
+    view._press()
+    view.slice.steered_to.emit(6, 8)
+    view.slice.steered_to.emit(11, 15)
+    z = view.intent.z
+    page.bars(str(out))
+    assert "no file, because regions are drawn" in page.notice.label.text()
+    context.project.update("settings", settings=replace(chosen, labels="").into(context.state))
+    page.bars(str(out))
+    qtbot.waitUntil(lambda: page.saved is not None, timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+    (row,) = csv.DictReader((tmp_path / "v_regions.csv").read_text().splitlines())
+    value = load_volume(out)
+    assert float(row["sum"]) == pytest.approx(value[z, 6:12, 8:16].sum(), rel=1e-4)
+    assert int(row["voxels"]) == 48 and row["sum"] in page.panel.status.text()
+    assert (load_labels(tmp_path / "v_regions.tif", np.arange(planes, 0.0, -1))[z, 6:12, 8:16] == 1).all()
+    assert len(view.intent.regions.boxes) == 1, "they are still drawn over the new volume"
+    page.let_go()
+    assert not view.intent.regions.boxes

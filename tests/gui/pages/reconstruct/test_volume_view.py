@@ -238,6 +238,57 @@ def test_slice_and_strip_follow_the_cross(view: VolumeView) -> None:
     assert not view.slice.isVisible()
 
 
+def drag(picture: Picture, *places: tuple[float, float]) -> None:
+    """Drag the pointer through ``places`` (row, column in the units of the picture) with the left button."""
+    port = picture.graphics.viewport()
+    points = [picture.graphics.mapFromScene(picture.box.mapViewToScene(QPointF(x, y))) for y, x in places]
+    QTest.mousePress(port, Qt.MouseButton.LeftButton, pos=points[0])
+    for point in points:
+        QTest.mouseMove(port, point)
+    QTest.mouseRelease(port, Qt.MouseButton.LeftButton, pos=points[-1])
+
+
+def test_regions_are_drawn_in_one_slice_and_get_their_third_extent_in_another(view: VolumeView) -> None:
+    """Voxels are 60 µm wide; planes are at 3, 2, 1.5 and 1 mm, so that plane 1 reaches from 1.75 to 2.5 mm."""
+    view.drawing.trigger()
+    view.set_cross(z=2, y=6, x=10)
+    drag(view.slice, (4 * 60, 8 * 60), (9 * 60, 2 * 60))
+    assert view.intent.regions.boxes == (((2, 3), (4, 10), (2, 9)),)
+    assert (view.intent.y, view.intent.x) == (6, 10), "the cross stays"
+    outline = next(one for one in view.slice.overlays if isinstance(one, Outline) and one.closed)
+    assert outline.points.min(0).tolist() == [210, 90] and outline.points.max(0).tolist() == [570, 510]
+    view.set_cross(z=1)
+    assert not [one for one in view.slice.overlays if isinstance(one, Label)], "this slice does not cut the region"
+    view.segments[1].click()
+    view.set_cross(z=2, x=5)
+    QApplication.processEvents()
+    drag(view.pictures["xz"], (1900, 4 * 60), (1400, 6 * 60))
+    assert view.intent.regions.boxes == (((1, 3), (4, 10), (4, 7)),)
+    (outline,) = (one for one in view.pictures["yz"].overlays if isinstance(one, Outline) and one.closed)
+    assert sorted(np.ptp(outline.points, axis=0).tolist()) == [360, 1250]
+    view.segments[2].click()
+    QApplication.processEvents()
+    drag(view.pictures["xy"], (12 * 60, 20 * 60), (14 * 60, 25 * 60))
+    drag(view.pictures["xy"], (0, 0), (0, 0))
+    assert view.intent.regions.boxes[1:] == (((0, 4), (12, 15), (20, 26)), ((0, 4), (0, 1), (0, 1)))
+    assert {one.words for one in view.pictures["xz"].overlays if isinstance(one, Label)} == {"1", "2", "3"}
+    drawn = view.drawn_labels()
+    assert drawn is not None and drawn.depths_um is not None and drawn.depths_um.tolist() == DEPTHS.tolist()
+    counts = np.bincount(drawn.labels.ravel())[1:].tolist()
+    assert counts == [2 * 6 * 3, 4 * 3 * 6, 4] and (drawn.labels[1:3, 4:10, 4:7] == 1).all()
+    view.set_volume(volume() * 2, DEPTHS, (60.0, 60.0))
+    assert len(view.intent.regions.boxes) == 3, "another volume of the same shape"
+    view.drawing.trigger()
+    drag(view.pictures["xy"], (5 * 60, 5 * 60))
+    assert view.intent.y == 5, "drags move the cross again"
+    view.no_regions.trigger()
+    assert view.drawn_labels() is None
+    view.drawing.trigger()
+    drag(view.pictures["xy"], (5 * 60, 5 * 60))
+    view.set_volume(volume()[:2])
+    assert not view.intent.regions.boxes, "a volume of another shape"
+
+
 @pytest.fixture
 def jobs() -> Iterator[Jobs]:
     made = Jobs()
