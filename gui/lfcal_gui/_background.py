@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -190,6 +191,9 @@ def _nothing() -> None:
 
 POLL_MS = 8
 
+TURN_S = 0.01
+"""Processor time after which the remaining calls are left for the next turn of the event loop (s)."""
+
 COMPUTATIONS_S, LOADS_S = 5.0, 1.0
 """Longest wait when closing: for computations, and for threads that open files (s)."""
 
@@ -213,7 +217,7 @@ class BackgroundThreads(QObject):
     @property
     def busy(self) -> bool:
         """Whether a thread is running, or its result has not been delivered yet."""
-        return bool(self._loads) or bool(self._computations)
+        return bool(self._loads) or bool(self._computations) or not self._calls.empty()
 
     # -- quick computations ----------------------------------------------------------------------------
     def compute(
@@ -267,8 +271,15 @@ class BackgroundThreads(QObject):
         """Queue a call for the window's thread; may be called from any thread."""
         self._calls.put(call)
 
+    def later(self, call: Callable[[], None]) -> None:
+        """Leave a call for a later turn of the event loop; results that arrive after it are delivered after it."""
+        if not self._closed:
+            self.hand_over(call)
+            self._timer.start()
+
     def _take(self) -> None:
-        while True:
+        end = time.thread_time() + TURN_S
+        while time.thread_time() < end:
             try:
                 call = self._calls.get_nowait()
             except queue.Empty:

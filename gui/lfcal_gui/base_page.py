@@ -86,7 +86,9 @@ class BasePage(QWidget):
         self.empty: EmptyState | None = None
         outer.addWidget(self._stack, 1)
         self._begun = context.project.begun
-        context.state_changed.connect(self._follow_project)
+        self._behind: ProjectState | None = None
+        """State that the page shows, if it is an earlier one."""
+        context.state_changed.connect(self._state_changed)
         context.refused.connect(self._say_refused)
         self._theme = current_theme()
         context.theme_changed.connect(self._theme_changed)
@@ -131,7 +133,14 @@ class BasePage(QWidget):
     def _theme_changed(self) -> None:
         # an open dialog is seen without its page
         if self.isVisible() or any(dialog.isVisible() for dialog in self.findChildren(QDialog)):
-            self.take_theme()
+            self._soon(self.take_theme)
+
+    def _soon(self, follow: Callable[[], None]) -> None:
+        """Follow a change: at once if the user works on this page, otherwise in a turn of its own."""
+        if self.context.in_front(self.spec.key):
+            follow()
+        else:
+            self.context.jobs.later(follow)
 
     def take_theme(self) -> None:
         """Apply the colours of the current theme. A hidden page does so when it is shown.
@@ -288,6 +297,19 @@ class BasePage(QWidget):
         if deed is not None:
             deed()
         return deed is not None
+
+    def _state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        waits, self._behind = self._behind is not None, self._behind or old
+        if self._begun != self.context.project.begun:
+            self.catch_up()
+        elif not waits or self.context.in_front(self.spec.key):
+            self._soon(self.catch_up)
+
+    def catch_up(self) -> None:
+        """Follow the changes of the project that were left for a later turn of the event loop."""
+        old, self._behind = self._behind, None
+        if old is not None:
+            self._follow_project(old, self.context.state)
 
     def _follow_project(self, old: ProjectState, new: ProjectState) -> None:
         if self._begun != self.context.project.begun:

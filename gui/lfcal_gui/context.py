@@ -82,6 +82,8 @@ class Context(QObject):
         self.matrices.failed.connect(self.message.emit)
         self.preferences: QSettings | None = None
         """Settings stored between starts; None: nothing is stored."""
+        self.in_front: Callable[[str], bool] = lambda page: True
+        """Whether the user works on a page. Other pages follow changes in later turns of the event loop."""
         self._closers: list[Callable[[], None]] = []
         self._fitted: FittedCamera | None = None
         self.history = History()

@@ -123,6 +123,7 @@ class MainWindow(QMainWindow):
             self.log(reason)
 
     def _connect(self) -> None:
+        self.context.in_front = lambda key: key == self._front
         self.context.state_changed.connect(self._state_changed)
         self.context.go.connect(self.go)
         self.context.files_offered.connect(self.take_files)
@@ -192,6 +193,7 @@ class MainWindow(QMainWindow):
         """Return the page ``key``, which is made at the first call."""
         if key not in self._pages:
             self._made(key).take_theme()
+        self._pages[key].catch_up()
         return self._pages[key]
 
     def _made(self, key: str) -> BasePage:
@@ -272,6 +274,7 @@ class MainWindow(QMainWindow):
 
     def _to_front(self, key: str) -> None:
         self._front = key
+        self._pages[key].catch_up()
 
     def event(self, event: QEvent) -> bool:
         """Update the current page when the user returns from a separate window."""

@@ -8,6 +8,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from benchmarks.__main__ import command_line
 from benchmarks._window_layout import controls, hovering, layout
 from benchmarks.window import MEASURED, WORDS, live_frames, scrubbing
 from lfcal.base.errors import InputError
+from lfcal.camera import preset
 from lfcal_gui import _ahead as ahead_module
+from lfcal_gui import _background as background
 from lfcal_gui import _garbage as garbage
 from lfcal_gui._ahead import Ahead
 from lfcal_gui._garbage import CALM_TICKS, LATEST_TICKS, Collector
@@ -29,6 +32,7 @@ from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.h.panel import HPanel, LevelRow
 from lfcal_gui.screenshots import main as take_pictures
 from lfcal_gui.window import MainWindow
+from tests.gui.waiting import idle
 
 
 def printed_by(code: str, folder: Path) -> Any:
@@ -156,6 +160,60 @@ def test_pages_are_made_in_short_steps_while_nothing_happens(
     assert ahead.active
     ahead.step()
     assert not ahead.active
+
+
+def test_calls_of_one_turn_end_when_its_time_is_used(jobs: Jobs, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, called = Clock(), list[str]()
+    monkeypatch.setattr(background, "time", clock)
+
+    def work(name: str, s: float) -> None:
+        called.append(name)
+        clock.now_s += s
+
+    for name in "abcd":
+        jobs.later(partial(work, name, 0.6 * background.TURN_S))
+    turns = []
+    while jobs.busy:
+        jobs._take()
+        turns.append("".join(called))
+    assert turns == ["ab", "abcd"]
+
+
+def test_a_result_waits_for_the_calls_that_were_left_before_it(jobs: Jobs, qtbot: QtBot) -> None:
+    """A page would show a result for another state of the project than its own."""
+    called = list[str]()
+    jobs.compute("a", lambda: "result", called.append)
+    jobs.later(lambda: called.append("page"))
+    idle(jobs, qtbot)
+    assert called == ["page", "result"]
+
+
+def test_only_the_current_page_follows_a_change_in_the_same_turn(window: MainWindow, qtbot: QtBot) -> None:
+    """A first plan held the window for 100 ms, in which hidden pages and other windows were updated."""
+    followed = list[tuple[str, str, str]]()
+    for spec in window.specs:
+        page: Any = window.page(spec.key)
+        page.state_changed = lambda old, new, key=spec.key: followed.append((key, old.name, new.name))
+    window.go("frames")
+    idle(window.jobs, qtbot)
+    first, other = window.project.state.name, {spec.key for spec in window.specs} - {"frames"}
+    window.project.update("name", name="one")
+    assert followed == [("frames", first, "one")]
+    window.page("h")
+    assert followed[1:] == [("h", first, "one")], "a page is up to date whenever it is used"
+    window.project.update("name", name="two")
+    idle(window.jobs, qtbot)
+    late = {key: (old, new) for key, old, new in followed[3:]}
+    assert followed[2] == ("frames", "one", "two") and set(late) == other and len(followed) == 3 + len(other)
+    assert late.pop("h") == ("one", "two") and set(late.values()) == {(first, "two")}
+
+
+def test_a_page_follows_before_the_user_works_on_it(window: MainWindow) -> None:
+    window.go("h")
+    page: Any = window.page("setup")
+    window.project.update("camera", camera=preset("r29"))
+    window.go("setup")
+    assert page.panel.inspector.values.editor("sensor.rows").text() == str(preset("r29").sensor.shape[0])
 
 
 def test_a_page_has_one_style_sheet(window: MainWindow) -> None:

@@ -120,8 +120,8 @@ class Page(BasePage):
 
     def _computed(self, result: tuple[ModulatorPicture, ModulatorComparison]) -> None:
         self.picture, self.comparison = result
-        self.panel.show_picture(self.picture)
-        self._show_comparison()
+        for step in (*self.panel.drawing(self.picture), lambda: self.panel.curve, self._show_comparison):
+            self.context.jobs.later(step)
 
     def _show_comparison(self) -> None:
         if self.comparison is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from html import escape
 
@@ -52,6 +52,13 @@ from lfcal_gui.widgets import (
 NUMBER_HEIGHT = 22
 SIGMA, PI = "Spatial basis Σ", "Plenoptic basis Π"
 TITLES = ("Pattern", "Spectrum", SIGMA, PI)
+QUANTITIES = (
+    ("transmission (1)", ("column (px)", "row (px)")),
+    ("magnitude (1)", ("u (1/period)", "v (1/period)")),
+    ("weight (1)", ("j (index)", "pixel k (index)")),
+    ("weight (1)", ("j (index)", "sample n (index)")),
+)
+"""Quantity and axes of each picture."""
 CURVES = "Gain in SNR"
 TIPS = (
     "Transmission of each pixel of a super-pixel for the middle view; filters are shown in their colour",
@@ -128,21 +135,21 @@ class MultiplexPanel(QWidget):
         column.addWidget(self.others)
         return self.compare_card
 
-    @cached_property
+    @property
     def views(self) -> tuple[Picture, ...]:
         """Pictures of pattern, spectrum and both bases, which are created with the first modulator or error."""
-        views = (
-            Picture("transmission (1)", axes=("column (px)", "row (px)")),
-            Picture("magnitude (1)", axes=("u (1/period)", "v (1/period)")),
-            Picture("weight (1)", axes=("j (index)", "pixel k (index)"), square=False),
-            Picture("weight (1)", axes=("j (index)", "sample n (index)"), square=False),
-        )
-        for view, tip, column in zip(views, TIPS, self._columns, strict=True):
-            view.setToolTip(tip)
+        return tuple(self.view(k) for k in range(len(TITLES)))
+
+    def view(self, k: int) -> Picture:
+        """Return one of `views`."""
+        if k not in self._views:
+            quantity, axes = QUANTITIES[k]
+            view = self._views[k] = Picture(quantity, axes=axes, square=k < 2)
+            view.setToolTip(TIPS[k])
             view.blank.words = NO_MODULATOR
-            column.addWidget(view, 1)
-        name_controls(self)
-        return views
+            self._columns[k].addWidget(view, 1)
+            name_controls(view)
+        return self._views[k]
 
     def _modulator_tab(self) -> QWidget:
         widget = QWidget()
@@ -152,6 +159,7 @@ class MultiplexPanel(QWidget):
         grid = QGridLayout()
         grid.setSpacing(8)
         self.titles, self._columns = [], []
+        self._views: dict[int, Picture] = {}
         for k, (tip, title) in enumerate(zip(TIPS, TITLES, strict=True)):
             label = QLabel(title, wordWrap=True)
             label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
@@ -255,15 +263,20 @@ class MultiplexPanel(QWidget):
         self.titles[0].setText("Computing …")
         self.table.setEnabled(False)
 
-    def show_picture(self, picture: ModulatorPicture) -> None:
-        """Draw the modulator."""
-        pattern, spectral, sigma, pi = self.views
-        pattern.set_shot(Shot(picture.pattern if picture.colours is None else picture.colours, name="pattern"))
+    def drawing(self, picture: ModulatorPicture) -> Iterator[Callable[[], None]]:
+        """Yield the steps that draw the modulator: a picture each, then the titles."""
         rows, columns = picture.spectrum.shape
-        spectrum = Shot(picture.spectrum, name="spectrum", origin=(-(rows // 2), -(columns // 2)))
-        spectral.set_shot(spectrum, keep_view=False)
-        sigma.set_shot(Shot(picture.sigma, name="sigma", signed=True))
-        pi.set_shot(Shot(picture.pi, name="pi", signed=True))
+        shots = (
+            Shot(picture.pattern if picture.colours is None else picture.colours, name="pattern"),
+            Shot(picture.spectrum, name="spectrum", origin=(-(rows // 2), -(columns // 2))),
+            Shot(picture.sigma, name="sigma", signed=True),
+            Shot(picture.pi, name="pi", signed=True),
+        )
+        for k, shot in enumerate(shots):
+            yield lambda k=k, shot=shot: self.view(k).set_shot(shot, keep_view=k != 1)  # type: ignore[misc]
+        yield lambda: self._name(picture)
+
+    def _name(self, picture: ModulatorPicture) -> None:
         kind = "" if picture.real else ", real part"
         shapes = ((SIGMA, picture.sigma), (PI, picture.pi))
         for label, (name, array) in zip(self.titles[2:], shapes, strict=True):
@@ -329,9 +342,10 @@ class MultiplexPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Apply the colours of the current theme."""
-        if "views" in self.__dict__:
-            for plot in (*self.views, self.curve):
-                plot.apply_theme()
+        for picture in self._views.values():
+            picture.apply_theme()
+        if "curve" in self.__dict__:
+            self.curve.apply_theme()
             self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))
         for view in (self.pictures, self.figures, self.search):
             view.apply_theme()

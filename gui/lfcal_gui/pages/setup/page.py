@@ -95,7 +95,7 @@ class Page(BasePage):
         self._checked: Checked | None = None
         self.dialog: SensorDialog | None = None
         self._target: TargetDialog | None = None
-        self.panel = PlanningPanel(self._check, self._check_scan)
+        self.panel = PlanningPanel(self._check, self._check_scan, context.jobs.later)
         self._check_dialog: CheckDialog | None = None
         for button in self.panel.segments:
             self.segments.addWidget(button)
@@ -184,6 +184,7 @@ class Page(BasePage):
     def entered(self) -> None:
         """Show the scan when the page has its size."""
         self.panel.look()
+        self.panel.draw_now()
         self._expect(self.context.state.plan)
         self._forecast_noise()
 

@@ -185,19 +185,29 @@ class PlanningPanel(QWidget):
     ----------
     check, check_scan
         Return why a field of the camera, or of the scan, cannot take a value, or an empty string.
+    later
+        Leaves a call for a later turn of the event loop.
     """
 
     dragged = Signal(int, int, arguments=["rows", "columns"])
     """The user dragged the scan by a number of pixels."""
 
-    def __init__(self, check: Callable[[str, Any], str], check_scan: Callable[[str, Any], str]) -> None:
+    def __init__(
+        self,
+        check: Callable[[str, Any], str],
+        check_scan: Callable[[str, Any], str],
+        later: Callable[[Callable[[], None]], None],
+    ) -> None:
         super().__init__()
+        self._later = later
         self._scene: ScanScene | None = None
         self.costs: ScanCosts | None = None
         self._area: Area | None = None
         """Area to show, for any size of the picture."""
-        self._showing = False
-        """Whether the panel is being filled; meanwhile, changes of the size of the picture do not redraw it."""
+        self._wanted: Area | None = None
+        """Area to which the picture is zoomed when it is drawn next."""
+        self._due = False
+        """Whether the picture is drawn in a later turn of the event loop."""
         self._shown: tuple[Any, Shot] | None = None
         """Input of the drawn picture, and the picture."""
         self.inspector = Inspector(check, check_scan)
@@ -205,12 +215,12 @@ class PlanningPanel(QWidget):
         self.picture.graphics.setAccessibleName("Sensor with lenslets, scan and cutout")
         self.picture.dragged.connect(self.dragged.emit)
         self.picture.moved.connect(self._moved)
-        self.picture.box.sigResized.connect(lambda *_: None if self._showing else self._draw(self._area))
+        self.picture.box.sigResized.connect(lambda *_: self._draw(self._area))
         self.optics = OpticsView()
         self.facts, self.forecast = _Figures(), _Figures()
         self.strip = Strip(_tip, 64)
         self.strip.setToolTip("Expected apertures in the planes of the scan. Click one to draw it in the cutout")
-        self.strip.chosen.connect(lambda _: self._draw())
+        self.strip.chosen.connect(self._chosen)
         self.views = QStackedWidget()
         for view in (self.picture, self.optics, self._depth()):
             self.views.addWidget(view)
@@ -233,7 +243,7 @@ class PlanningPanel(QWidget):
         for action in self.overlays.values():
             action.setCheckable(True)
             action.setChecked(True)
-            action.toggled.connect(lambda _: self._draw())
+            action.toggled.connect(self._chosen)
         menu.addSeparator()
         for words, action in zip(("Copy scan path", "Save scan path …"), self.path_entries(), strict=True):
             menu.addAction(words).triggered.connect(lambda _=False, do=action[1]: do())
@@ -287,7 +297,6 @@ class PlanningPanel(QWidget):
                 refused = str(error)
         scene = ScanScene(state.camera, plan, half, checked)
         before, self._scene = self._scene, scene
-        self._showing = True
         self.inspector.show_plan(plan, settings, refused)
         if before is None or (before.camera, before.camera.marks) != (state.camera, state.camera.marks):
             self.inspector.show_camera(state.camera)
@@ -295,7 +304,6 @@ class PlanningPanel(QWidget):
             self.facts.setText(facts(state.camera))
         self._show_costs(None if plan is None else ScanCosts.of(plan, settings, half, light), checked)
         self._show_planes(plan)
-        self._showing = False
         if scene.same_view(before):
             self._draw()
         else:
@@ -330,13 +338,26 @@ class PlanningPanel(QWidget):
 
     def _moved(self) -> None:
         seen = self.picture.box.viewRect()
-        self._area = seen.top(), seen.left(), seen.height(), seen.width()
+        self._area, self._wanted = (seen.top(), seen.left(), seen.height(), seen.width()), None
         self._draw()
 
+    def _chosen(self, _: object) -> None:
+        """Draw the plane or the overlays that the user chose."""
+        self._draw()
+        self.draw_now()
+
     def _draw(self, view: Area | None = None) -> None:
-        """Draw the visible part: the same as before, or ``view``."""
-        scene, self._area = self._scene, view or self._area
-        if scene is None or not self.isVisible():  # it is drawn when it is shown
+        """Draw the visible part in a later turn, once for all changes until then: the same as before, or ``view``."""
+        self._area, self._wanted = view or self._area, view or self._wanted
+        if self.isVisible() and not self._due:
+            self._due = True
+            self._later(self.draw_now)
+
+    def draw_now(self) -> None:
+        """Draw the visible part if anything changed since it was drawn."""
+        scene, due, view = self._scene, self._due, self._wanted
+        self._due, self._wanted = False, None
+        if not due or scene is None or not self.isVisible():  # it is drawn when it is shown
             return
         if view is not None:
             self.picture.show_part(*view, padding=0)

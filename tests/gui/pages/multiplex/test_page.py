@@ -12,6 +12,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QFileDialog, QGraphicsView, QLabel, QTableWidget
 from pytestqt.qtbot import QtBot
 
+from lfcal.camera import preset
 from lfcal.multiplex import (
     camera_chi2,
     cfa,
@@ -25,7 +26,9 @@ from lfcal.multiplex import (
     paper_figure,
 )
 from lfcal_gui.context import Context
+from lfcal_gui.pages.multiplex import model
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
+from lfcal_gui.pages.multiplex.model_compare import compare
 from lfcal_gui.pages.multiplex.page import Page
 from lfcal_gui.pages.multiplex.panel import NAME, NO_MODULATOR
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
@@ -89,6 +92,22 @@ def cells(page: Page) -> dict[str, str]:
         assert name is not None and value is not None and name.toolTip()
         found[name.text()] = value.text()
     return found
+
+
+def test_the_first_modulator_is_drawn_in_turns(open_page: OpenPage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four pictures and a plot were created in the same turn, which took 70 ms."""
+    page, left = open_page("multiplex", height=640), list[Any]()
+    monkeypatch.setattr(page.context.jobs, "later", left.append)
+    settings = MultiplexSettings()
+    found = model.picture(settings), compare(settings, preset("bench").sensor, "bench")
+    page._computed(found)
+    made = []
+    for step in left:
+        before = len(page.panel.findChildren(QGraphicsView))
+        step()
+        made.append(len(page.panel.findChildren(QGraphicsView)) - before)
+    assert max(made) == 1 and sum(made) == 5
+    assert page.panel.table.rowCount() == len(found[1].rows)
 
 
 def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, qtbot: QtBot) -> None:

@@ -99,6 +99,25 @@ def test_numbers_say_time_disk_and_lattice() -> None:
     assert numbers_of(None, None) == ()
 
 
+def test_several_changes_are_drawn_once_in_a_later_turn(
+    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The picture was drawn three times for a first plan, twice in vain."""
+    page, plan, drawn = open_page("setup"), default_plan(preset("bench")), list[int]()
+    context.project.update("made", plan=plan)
+    idle(context.jobs, qtbot)
+    show = page.panel.picture.set_overlays
+    monkeypatch.setattr(page.panel.picture, "set_overlays", lambda *marks: (drawn.append(len(marks)), show(*marks)))
+    for k in range(3):
+        context.project.update("moved", plan=replace(plan, anchor=(plan.anchor[0] + k + 1, plan.anchor[1])))
+    page.resize(page.width() + 200, page.height())
+    assert not drawn
+    idle(context.jobs, qtbot)
+    assert len(drawn) == 1
+    page.panel.overlays["Cutout"].setChecked(False)
+    assert len(drawn) == 2 and drawn[1] < drawn[0], "what the user chooses is drawn at once"
+
+
 def test_dragging_the_cutout_moves_the_scan_as_one_step(open_page: OpenPage, context: Context) -> None:
     page = open_page("setup")
     plan = default_plan(preset("bench"))
