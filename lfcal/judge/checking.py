@@ -137,7 +137,7 @@ class Check:
     @property
     def known(self) -> str:
         """Text that confirms H in a verdict; empty unless the frames show that H is valid."""
-        return f"confirmed by the frames: error {self.figures}" if self.holds else ""
+        return f"confirmed by the frames: {self.figures}" if self.holds else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return all values, the verdict and its findings as plain JSON types."""
