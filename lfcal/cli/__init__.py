@@ -104,9 +104,14 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
         _drop_output()
         sys.exit(1)
     except OSError as error:
-        if error.filename is None:
+        if _of_output(error):
             _drop_output()
         _stop(2, _system_words(error))
+
+
+def _of_output(error: OSError) -> bool:
+    """Return whether the system refused to write standard output; a missing file without a name is the folder."""
+    return error.filename is None and not isinstance(error, FileNotFoundError)
 
 
 def _drop_output() -> None:
@@ -118,12 +123,12 @@ def _system_words(error: OSError) -> str:
     """Return a message on what the system refused: a long name, a missing folder, or output to a full disk."""
     from lfcal.base import StorageError
 
-    if error.filename is not None:
-        where, remedy = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "file", "check it"
-    elif isinstance(error, FileNotFoundError):
+    if _of_output(error):
+        where, remedy = "standard output", "check where it is written to"
+    elif error.filename is None:
         where, remedy = "the current folder", "change to one that exists"
     else:
-        where, remedy = "standard output", "check where it is written to"
+        where, remedy = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "file", "check it"
     return str(StorageError(f"{where[:200]}: {error.strerror or error}; {remedy}"))
 
 
