@@ -155,7 +155,7 @@ class Depth(Task):
         None,
         "Pixels to leave out: an image that is not 0 at these pixels, or a list with one ROW,COLUMN per line. "
         "Pixels that are NaN are always left out.",
-        label="Pixel mask",
+        label="Mask of pixels",
         file="in",
         empty="none",
         more=True,
