@@ -211,7 +211,8 @@ class BackgroundThreads(QObject):
         self._loads = Loads(self.hand_over)
         self._timer = QTimer(self, interval=POLL_MS)
         self._timer.timeout.connect(self._take)
-        self._closed = self._leaving = False
+        self._closed = self._leaving = self._waited = False
+        self._left, self._worked_s = 0, 0.0
         self._collector = Collector(self, lambda: self.busy)  # threads must not destroy widgets
 
     @property
@@ -273,13 +274,24 @@ class BackgroundThreads(QObject):
 
     def later(self, call: Callable[[], None]) -> None:
         """Leave a call for a later turn of the event loop; results that arrive after it are delivered after it."""
+
+        def left() -> None:
+            self._left -= 1
+            call()
+
         if not self._closed:
-            self.hand_over(call)
+            self._left += 1
+            self.hand_over(left)
             self._timer.start()
 
     def _take(self) -> None:
-        end = time.thread_time() + TURN_S
-        while time.thread_time() < end:
+        """Deliver results; calls that were left wait for another turn if this one has drawn the window."""
+        began = time.thread_time()
+        if self._left and not self._waited and began - self._worked_s > TURN_S:
+            self._waited = True
+            return
+        self._waited = False
+        while time.thread_time() < began + TURN_S:
             try:
                 call = self._calls.get_nowait()
             except queue.Empty:
@@ -288,6 +300,7 @@ class BackgroundThreads(QObject):
         self._look()
         if not self.busy:
             self._timer.stop()
+        self._worked_s = time.thread_time()
 
     def _look(self) -> None:
         """Check running work; called every `POLL_MS` while there is any."""

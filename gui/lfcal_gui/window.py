@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QEvent, QObject, QSettings, Qt, QTimer
@@ -353,29 +354,30 @@ class MainWindow(QMainWindow):
     def _use_theme(self, name: str) -> None:
         app = QApplication.instance()
         assert isinstance(app, QApplication)
+        self.setUpdatesEnabled(False)  # until all of it has the new colours
         apply_theme(app, THEMES.get(name, LIGHT))
-        self._style()
+        for dialog in self.findChildren(QDialog):
+            if dialog.styleSheet() and dialog.isVisible():  # others follow their page
+                _apply_style(dialog)
+        self.jobs.later(self._style)
         self.context.theme_changed.emit()
         self._refresh()
 
-    def _style(self, *, hidden: bool = False) -> None:
+    def _style(self) -> None:
         """Apply the style sheet to the parts around the pages. Each page applies it when it is shown.
 
-        Parts that are ``hidden``, such as menus, take it in the next turn of the event loop.
+        Hidden parts, such as menus, and other windows take it in later turns of the event loop.
         """
-        dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet())  # others follow their page
+        dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet() not in ("", style_sheet()))
         parts = self.log_dock, self.job_line.sheet, self.rail.menu, self.header.menu, *self.menus.menus
         for part in (self.menuBar(), self.header, self.statusBar(), self.rail, *parts, self._manual, *dialogs):
-            if part is None or part.isHidden() is not hidden:
-                continue
-            part.setStyleSheet(style_sheet())
-            if isinstance(part, Themed):  # a window with plots; a page redraws only its own plots
-                part.apply_theme()
+            if part is not None and not part.isHidden() and part.window() is self:
+                _apply_style(part)
+            elif part is not None:
+                self.jobs.later(partial(_apply_style, part))
         for window in self._windows.values():
-            if window.isHidden() is hidden:
-                window.apply_theme()
-        if not hidden:
-            QTimer.singleShot(0, self, lambda: self._style(hidden=True))
+            self.jobs.later(window.apply_theme)
+        self.setUpdatesEnabled(True)
 
     def copy_page(self) -> None:
         """Copy an image of the page to the clipboard."""
@@ -495,6 +497,13 @@ class MainWindow(QMainWindow):
             value = self.settings.value(key)
             if isinstance(value, QByteArray):
                 restore(value)
+
+
+def _apply_style(part: QWidget) -> None:
+    """Apply the style sheet to a part of the window."""
+    part.setStyleSheet(style_sheet())
+    if isinstance(part, Themed):  # a window with plots; a page redraws only its own plots
+        part.apply_theme()
 
 
 def _held(notice: QWidget) -> QWidget:

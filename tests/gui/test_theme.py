@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -17,7 +18,7 @@ from lfcal_gui.theme import DARK, LIGHT, NIGHT, THEMES, Theme, apply_theme, curr
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.window import MainWindow
 from tests.gui.layout_colours import of_other_themes
-from tests.gui.waiting import GUARD_MS
+from tests.gui.waiting import GUARD_MS, idle
 
 
 def luminance(colour: QColor) -> float:
@@ -177,6 +178,30 @@ def test_a_theme_restyles_visible_widgets_first(qapp: qt.QApplication, window: M
         qt.QApplication.processEvents()
         assert not list(of_other_themes(measuring))
     measuring.close()
+
+
+def test_each_window_takes_a_theme_in_a_turn_of_its_own(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The window was held for 90 ms while pages in other windows were restyled, too."""
+    keys = ("accuracy", "sessions", "setup")
+    for key in keys:
+        window.go(key)
+    idle(window.jobs, qtbot)
+    left = list[Callable[[], None]]()
+    monkeypatch.setattr(window.jobs, "later", left.append)
+
+    def restyled() -> list[str]:
+        parts: dict[str, qt.QWidget] = {"frame": window.header, **{key: window.page(key) for key in keys}}
+        return [name for name, part in parts.items() if DARK.text in part.styleSheet()]
+
+    window.set_theme("dark")
+    assert restyled() == ["setup"] and not window.updatesEnabled(), "nothing is drawn half in the new colours"
+    turns = [0]
+    for step in left:
+        step()
+        turns.append(len(restyled()) - 1)
+    assert window.updatesEnabled() and turns[-1] == 3 and max(np.diff(turns)) == 1
 
 
 def test_icons_of_places_and_the_primary_button_have_the_accent(window: MainWindow) -> None:
