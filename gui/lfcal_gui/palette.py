@@ -33,7 +33,10 @@ class PaletteEntry:
 
 
 def doable(bar: QMenuBar, page: QWidget, title: str) -> list[PaletteEntry]:
-    """Return entries for the enabled buttons of ``page``, which has the ``title``, and for the enabled menu actions."""
+    """Return palette entries for the enabled buttons of ``page`` and the enabled menu actions.
+
+    Names of buttons begin with ``title``, the title of the page.
+    """
     # an entry may be gone when it is chosen: a job's row, a file of the menu
     entries = [
         PaletteEntry(f"{title}: {name}", "", button.click, partial(_pressable, button, page))

@@ -58,7 +58,7 @@ def check_limits(targets: NDArray[np.float64], limits: Limits, overshoot_um: tup
             raise LimitError.expected(
                 f"stage axis {axis}",
                 f"{lo:g} to {hi:g} µm (the limits)",
-                f"{low[k]:.6g} to {high[k]:.6g} µm (the plan with {overshoot_um[k]:g} µm of approach)",
+                f"{low[k]:.6g} to {high[k]:.6g} µm (the plan, including an overshoot of {overshoot_um[k]:g} µm)",
                 "move the stage's origin or shrink the plan; nothing was moved",
             )
 

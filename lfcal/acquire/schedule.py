@@ -166,9 +166,9 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
-    """Return the numbers of sensor rows and columns, both odd, that are stored of each frame of a single point.
+    """Return the number of sensor rows and columns (both odd) to store from each frame of a single point source.
 
-    They cover the cutout of ``plan`` with the margin of ``options`` on each side.
+    They cover the cutout of ``plan`` plus the margin of ``options`` on each side.
 
     Examples
     --------

@@ -16,7 +16,7 @@ from lfcal.base.errors import FileFormatError
 __all__ = ["parse_json", "plain", "stated_format"]
 
 MAX_NESTING = 50
-"""Largest nesting depth of lists and objects; files of lfcal have 6 levels."""
+"""Largest nesting depth of lists and objects; lfcal files have 6 levels."""
 
 
 def plain(value: Any) -> Any:

@@ -13,17 +13,17 @@ LOG.addHandler(logging.NullHandler())
 
 
 def note(text: str) -> None:
-    """Report a fact that users should know about the result."""
+    """Log a note: a fact about the result that users should know."""
     LOG.info("%s", text)
 
 
 def warn(text: str) -> None:
-    """Report a fact that users should check."""
+    """Log a warning: a fact that users should check."""
     LOG.warning("%s", text)
 
 
 def announce(text: str) -> None:
-    """Report an event, such as the start and end of a pause, without a leading "note:" or "warning:"."""
+    """Log an event, such as the start and end of a pause, without a leading "note:" or "warning:"."""
     LOG.info("%s", text, extra={"plain": True})
 
 

@@ -91,7 +91,7 @@ def read_length(text: str, usual: str, what: str) -> float:
     value, unit = _number(text, what)
     if (unit or usual) not in LENGTHS:
         raise InputError.expected(
-            what, f"a length in {usual}, or with nm, um, mm, m", repr(text), "add one of these units"
+            what, f"a length in {usual}, or with nm, um, mm, m", repr(text), "use one of these units"
         )
     # 12 digits: 0.55 µm stays 0.55 when converted through nanometres
     return float(f"{value * LENGTHS[unit or usual]:.12g}")

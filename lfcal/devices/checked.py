@@ -185,7 +185,7 @@ class CheckedCamera(_Checked[CameraDevice]):
 
 
 def _words(got: object) -> str:
-    """Return the text of a value for a message; its type if the object has no text."""
+    """Return the ``repr`` of a value for a message, or the name of its type if ``repr`` fails."""
     try:
         return repr(got)
     except Exception:  # a type of the driver

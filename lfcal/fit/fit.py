@@ -95,7 +95,7 @@ def rounds() -> Callable[[Problem, Point, str], FitProgress]:
             share, sigma = unexplained(problem, point, aside)
             below_noise = share < DETECTION_SIGMAS * sigma
             left = math.sqrt(max(share, DETECTION_SIGMAS * sigma))
-            note += f", error of held-out patterns {'less than ' if below_noise else ''}{format_share(left)} off"
+            note += f", error of held-out patterns {'below ' if below_noise else ''}{format_share(left)}"
         seconds = time.perf_counter() - start
         return FitProgress(1, 1, stage, seconds, note, chi2=chi2, held_out=left, below_noise=below_noise)
 

@@ -104,7 +104,12 @@ def check_light(measured: Measured) -> None:
     keep = measured.of(~measured.held_out)
     data, valid = flat(keep)
     if not valid.any():
-        raise InputError.expected("patterns", "pixels that carry a measurement", "none", "reduce the exposure")
+        raise InputError.expected(
+            "patterns",
+            "valid pixels (not saturated, masked or padded)",
+            "none",
+            "reduce the exposure, or correct the pixel mask",
+        )
     # a constant background contains no information
     middle = np.array([np.median(one[good]) if good.any() else 0.0 for one, good in zip(data, valid, strict=True)])
     off = np.where(valid, data - middle[:, None], 0.0)

@@ -138,7 +138,10 @@ class StoredFit:
         for name, (own, theirs) in have.items():
             if np.shape(own) != np.shape(theirs) or not np.allclose(own, theirs, rtol=1e-6, atol=1e-6):
                 raise InputError.expected(
-                    f"{self.folder}, {name}", f"{theirs}, as in the scan", own, "name the fit of this scan"
+                    f"{self.folder}, {name}",
+                    f"{theirs}, as in the scan",
+                    own,
+                    "give the folder of the fit of this scan",
                 )
         if plan.resample:
             raise InputError.expected(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, Region, StorageError, check_number
+from lfcal.base import FileFormatError, InputError, Region, StorageError, check_number, format_count
 from lfcal.frames.source import FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
@@ -48,7 +48,7 @@ def find_shift(source: FrameSource) -> int:
         raise InputError.expected(
             "alignment of the samples",
             "the same in all frames",
-            f"{least} empty low bits in {one} and {most} in {other}",
+            f"{format_count(least, 'unused low bit', 'unused low bits')} in {one} and {most} in {other}",
             "record all frames with the same camera settings",
         )
     return next(iter(found), 0)
@@ -94,9 +94,9 @@ def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
     if values.dtype.kind not in "iu":
         raise InputError.expected(f"{what}, samples to shift", "integers", values.dtype, "leave the shift out")
     if np.any(values & values.dtype.type((1 << bits) - 1)):
-        raise InputError.expected(
-            what, f"samples with {bits} empty low bits", "samples that use them", "correct the shift, or leave it out"
-        )
+        wanted = f"samples with {format_count(bits, 'unused low bit', 'unused low bits')}"
+        got = "samples that use it" if bits == 1 else "samples that use them"
+        raise InputError.expected(what, wanted, got, "correct the shift, or leave it out")
     moved: NDArray[Any] = values >> values.dtype.type(bits)
     return moved
 

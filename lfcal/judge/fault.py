@@ -166,13 +166,15 @@ class Fault:
     subject
         Part of the recording that is faulty, one of `lfcal.base.SUBJECTS`.
     settles
-        Keys of the metrics without a model that measure the same fault less reliably, and that this fault replaces.
+        Keys of the model-free metrics that measure the same effect less reliably. If this fault is found, it is
+        reported instead of them.
     explains
         Names of faults that are not searched for if this fault is found, because their effects are similar.
     needs_camera
         Whether detecting the fault requires a camera that explains the patterns.
     rank
-        Sort key of the search; a fault that is found is removed before the next one is searched for.
+        Sort key of the search. The effect of a fault that is found is removed from the patterns, or its pixels are
+        ignored, before the next fault is searched for.
     strong_rank
         Earlier rank at which the fault is also searched for; it is reported if it explains most of the residual,
         because other faults would otherwise be reported instead. None: it is searched for only once.

@@ -33,10 +33,11 @@ BAND_BYTES = 1 << 28
 
 
 class MovedViews(NamedTuple):
-    """Views ``(n, rows, columns)`` and the weights of their samples: one over the variance of the noise, or 0.
+    """Views, and their displacements from the central view.
 
-    On the plane of slope w, view k shows sample S of the central view at ``S + fixed[k] + w * moves[k]``, in samples
-    (row, column); both are ``(n, 2)``.
+    ``light`` ``(n, rows, columns)`` contains the views, and ``good`` the weight of each sample: the inverse of its
+    noise variance, or 0 if the sample is not used. A point on the plane of slope w that is at S in the central view is
+    at ``S + fixed[k] + w * moves[k]`` in view k. ``moves`` and ``fixed``, ``(n, 2)``, are in samples (row, column).
     """
 
     light: Image

@@ -257,7 +257,7 @@ def shadow_shift_px(distance_um: float, view_step: float, pixel_um: float) -> fl
     Examples
     --------
     >>> from lfcal.multiplex import shadow_shift_px
-    >>> step = 1 / 4 / 11  # 11 views behind an aperture of F/4
+    >>> step = 1 / 4 / 11  # 11 views across an f/4 aperture
     >>> print(f"{shadow_shift_px(242, step, pixel_um=5.5):.2f} px at 242 µm")
     1.00 px at 242 µm
     """

@@ -64,7 +64,7 @@ def read_layers(path: str | Path) -> list[Layer]:
     Raises
     ------
     FileFormatError
-        If ``path`` is not a file of lfcal.
+        If ``path`` is not an lfcal file.
     LfcalError
         If the file is damaged or cannot be read.
     """
@@ -81,7 +81,7 @@ def read_layers(path: str | Path) -> list[Layer]:
 
 
 def _kind_of(source: Path) -> Callable[[Path], list[Layer]] | None:
-    """Return the function that reads a file or folder; None if it is no file of lfcal."""
+    """Return the function that reads a file or folder; None if it is not from lfcal."""
     if source.name == NAME and source.is_file():
         return lambda path: _session(path.parent)
     if (source / NAME).is_file():

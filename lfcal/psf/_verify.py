@@ -136,9 +136,7 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
         raise StorageError(f"{source}: no such file or folder; check the path")
     if source.suffix.lower() in FOREIGN:
         got = f"a {source.suffix.lower()} file, which has no checksums"
-        raise FileFormatError.expected(
-            str(source), "an H file of lfcal (.h5)", got, "check this file with lfcal inspect"
-        )
+        raise FileFormatError.expected(str(source), "an lfcal H file (.h5)", got, "check this file with lfcal inspect")
     regions = regions_of(source)
     with H5File(source) as file:
         strays = deviations_of(file) if (file.attributes().integer("version") or 0) >= CHECKED_VERSION else []

@@ -461,8 +461,8 @@ def iter_assemble(
     dtype, compression, workers, store_tolerance
         As in `PSFWriter`.
     run
-        Executor, and treatment of an earlier unfinished run, for assembling the file in units of one plane. If the run
-        is stopped, finished planes are kept.
+        Only for a file: settings for processing the planes as separate work units: the executor, and what to do with
+        units left by an earlier run. If the run is stopped, finished units are kept. None: no units.
     reopening
         Only with a ``run``: values that identify these frames, and the function with which other processes open them.
         Without such a function, H is assembled only by threads of this process.

@@ -137,10 +137,10 @@ def _pair(value: Any) -> Pair | None:
 def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "nearest") -> PSFMatrix:
     """Return a view of ``matrix`` in which the micro-image centre ``lens`` is where other software expects it.
 
-    Positions are rolled within the period by whole numbers. Their patterns do not change, because a cutout is centred
-    on its source and only the source's index changes. The image ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` of a volume
-    g then refers to pixels p and voxels v that start earlier by the same number of pixels. Here n is the period, and c
-    the middle of the cutout.
+    Positions are rolled within the period by `LensCentre.shift`, a whole number along each axis. Rolling does not
+    change their patterns, because each cutout is centred on the image of its source. In the image
+    ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` of a volume g, n is the period and c the middle of the cutout. The
+    origins of p and v, and with them the anchor, move by ``-shift`` pixels of H.
 
     Parameters
     ----------

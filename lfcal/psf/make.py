@@ -170,8 +170,8 @@ def iter_write(
     stored
         How values are stored. None: the defaults of `PSFWriter`.
     run
-        Executor and treatment of an earlier run, to make the planes as units of a run. Finished planes are kept if the
-        run is stopped.
+        Settings for processing the planes as separate work units: the executor, and what to do with units left by an
+        earlier run. If the run is stopped, finished units are kept. None: this process makes the planes one by one.
     keep
         Whether to keep the files of the units of a ``run``, as in `lfcal.work.iter_made`.
     workers

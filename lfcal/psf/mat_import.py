@@ -267,7 +267,7 @@ class _Reader:
 
     def _windows(self, nz: int, nt: int, ns: int) -> list[Window] | None:
         """Return the window of pixels that is used in each plane; None if all pixels are used."""
-        if self._order:  # files of lfcal state the cutout; CAindex excludes only zeros
+        if self._order:  # lfcal files state the cutout; CAindex excludes only zeros
             whole: Window = (slice(0, nt), slice(0, ns))
             return [whole] * nz if self._cutout((nt, ns)) not in (None, (nt, ns)) else None
         if "CAindex" not in self._file or nt != ns:

@@ -1,4 +1,4 @@
-"""Open H from a file of lfcal, from a file of another code, or from a plain array."""
+"""Open H from an lfcal H file, from a file of another code, or from a plain array."""
 
 from __future__ import annotations
 
@@ -122,11 +122,9 @@ def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
     if mat_order and suffix != ".mat":
         raise InputError.expected("file with an order of axes", "a .mat file", source.name, "omit the order")
     if region and suffix in FOREIGN:
-        raise InputError.expected(f"{source}, region", "an H file of lfcal", f"a {suffix} file", "omit the region")
+        raise InputError.expected(f"{source}, region", "an lfcal H file", f"a {suffix} file", "omit the region")
     if check and suffix in FOREIGN:
-        raise InputError.expected(
-            f"{source}, checksums", "an H file of lfcal", f"a {suffix} file", "omit the checksums"
-        )
+        raise InputError.expected(f"{source}, checksums", "an lfcal H file", f"a {suffix} file", "omit the checksums")
     if suffix == ".npy":
         return _of_npy(source)
     if suffix == ".mat":
@@ -235,9 +233,7 @@ def _check_format(file: H5File) -> int:
         what = f"format {found[:60]!r}" if found is not None else "an HDF5 file of another kind"
         theirs = {".mat": "H" in file, ".lfc": "optics" in file}
         named = next((f"rename it to {suffix}" for suffix, known in theirs.items() if known), "")
-        raise FileFormatError.expected(
-            str(file.path), "an H file of lfcal", what, named or "import it as frames instead"
-        )
+        raise FileFormatError.expected(str(file.path), "an lfcal H file", what, named or "import it as frames instead")
     version = attributes.integer("version")
     if version not in VERSIONS:
         raise FileFormatError.expected(

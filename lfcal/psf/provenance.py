@@ -92,7 +92,7 @@ def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
     >>> from lfcal.psf import codec_of
     >>> codec_of({"frames": {"count": 627, "codec": {"name": "lzw", "lossless": True}}})
     Codec(name='lzw', lossless=True)
-    >>> print(codec_of({"frames": 627}))  # a file of lfcal 0.1
+    >>> print(codec_of({"frames": 627}))  # a file that lfcal 0.1 wrote
     None
     """
     codec = _within(_within(provenance, "frames"), "codec")

@@ -135,8 +135,8 @@ def iter_save(
     provenance
         Entries to add to the provenance of the matrix, as plain JSON types.
     run
-        Executor, and treatment of an earlier unfinished run, for writing the planes as units of a run. The matrix must
-        have been opened from a file.
+        Settings for processing the planes as separate work units: the executor, and what to do with units left by an
+        earlier run. The matrix must have been opened from a file. None: this process writes the planes one by one.
 
     Raises
     ------

@@ -169,7 +169,7 @@ def iter_bars(
     labels
         File with the labels of regions, an image or a stack as in `iter_error_bars`. None: no regions.
     how
-        Executor of the work units, and treatment of results left by an earlier run.
+        Executor of the work units, and what to do with units left by an earlier run.
     details
         Additional metadata to store in all files.
     changes

@@ -106,9 +106,9 @@ def iter_refine_psf(
         Function that is called with the H of each pass, opened from the file; this H is closed when the next pass is
         complete.
     run
-        Settings of a run that is divided into units of one plane. If the run is stopped, finished units remain, and the
-        next run continues from them; all effects must then be from the catalogue. None: if the simulation is stopped,
-        the unfinished pass is discarded.
+        Settings for computing the planes as separate work units: the executor, and what to do with units left by an
+        earlier run. If the run is stopped, finished units are kept. All effects must be from the catalogue. None: if
+        the simulation is stopped, the unfinished pass is discarded.
 
     Returns
     -------

@@ -480,7 +480,10 @@ class Scene:
 
     @property
     def anchor_px(self) -> tuple[float, float]:
-        """Source position (0, 0) on the sensor, (y, x) in pixels relative to the centre of a type-0 micro-image."""
+        """Point (y, x) on the sensor onto which source position (0, 0) is imaged.
+
+        It is in pixels relative to the centre of a type-0 micro-image.
+        """
         x, y = self.lattice.offset_um
         # the anchor is relative to a lenslet, the lattice's offset to the anchor: hence the sign
         return -y * self.scale / self.row_um, -x * self.scale / self.pixel_um

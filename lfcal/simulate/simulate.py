@@ -206,8 +206,9 @@ def iter_simulate_psf(
         Only for a file, instead of ``dtype``: relative L1 error that lossy compression may cause in each pattern; see
         `PSFWriter`.
     run
-        Executor, and treatment of an earlier unfinished run. The file is then computed in units of one plane, and all
-        effects must be from the catalogue. Finished planes are kept for the next run.
+        Settings for computing the planes of a file as separate work units: the executor, and what to do with units left
+        by an earlier run. If the run is stopped, finished units are kept. All effects must be from the catalogue. None:
+        no units.
 
     Yields
     ------

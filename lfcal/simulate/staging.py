@@ -66,7 +66,8 @@ def scene_of(
         Pixels ``(nt, ns)`` of a response, and number of source positions ``(ny, nx)``. If ``period`` is None, it is
         that of the camera, rounded.
     anchor_px
-        Source position (0, 0), (y, x) in pixels relative to the centre of a type-0 micro-image.
+        Point (y, x) on the sensor onto which source position (0, 0) is imaged, in pixels relative to the centre of a
+        type-0 micro-image.
     gap_um
         Distance from lenslets to sensor (µm). None: the camera's. The image does not move.
     overrides

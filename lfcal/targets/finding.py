@@ -457,7 +457,7 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
             "target",
             "the marks as described",
             f"the target {every[0].turn} ({every[0].hits} points on its holes, {every[0].misses} missing)",
-            "turn the target around, or change its description",
+            "mount the target as described, or change its description",
         )
     if len(right) == 1:
         return right[0]

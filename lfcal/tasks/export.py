@@ -184,7 +184,7 @@ class ExportMat(_Export):
 
 @record
 class ExportH5(_ExportView):
-    """Export H, or HT, to an H file of lfcal.
+    """Export H, or HT, to an lfcal H file.
 
     Examples
     --------

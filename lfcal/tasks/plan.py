@@ -47,8 +47,8 @@ PLAN_FORMATS = {
 def plan_text(plan: ScanPlan, written_as: str, positions: NDArray[np.intp] | None = None) -> str:
     """Return the content of a plan file in the format ``written_as``, a key of `PLAN_FORMATS`.
 
-    A file for another program contains only the ``positions`` ``(n, 3)`` as (z, y, x). None: all. A file of lfcal
-    (``"plan"``) always describes the complete scan.
+    ``positions`` ``(n, 3)`` are the indices (z, y, x) of the positions to write to a file for another program (None:
+    all). An lfcal plan file (``"plan"``) always describes the complete scan.
 
     Raises
     ------

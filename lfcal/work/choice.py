@@ -19,7 +19,7 @@ BEGUN = ("refuse", "resume", "discard")
 
 @dataclass(frozen=True)
 class RunChoice:
-    """Choice of an executor for a run, and of how to treat finished units left by an earlier run.
+    """Executor of a run, and what to do with finished units left by an earlier run.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class RunChoice:
     address
         Address of a running scheduler, such as ``tcp://host:8786``; empty: a local scheduler is started if required.
     begun
-        Treatment of finished units left by an earlier run: ``"refuse"`` (raise an error), ``"resume"`` (use them) or
+        What to do with finished units left by an earlier run: ``"refuse"`` (raise an error), ``"resume"`` (use them) or
         ``"discard"``.
 
     Raises
@@ -125,7 +125,7 @@ def iter_made(
     out
         The file to write.
     run
-        Executor, and treatment of units left by an earlier run.
+        Executor, and what to do with units left by an earlier run.
     join
         Function that takes the files of the units, in order, and writes ``out`` atomically.
     keep

@@ -152,7 +152,7 @@ REFUSED = (
     ("--white white.npy --white-mode smooth", "expected field or pixels"),
     ("--cutout 61", "move the anchor, choose a smaller cutout, or allow padding"),
     ("--cutout wide", "--cutout: expected one number or two (rows,columns)"),
-    ("--shift 4", "samples with 4 empty low bits"),
+    ("--shift 4", "samples with 4 unused low bits"),
     ("--dark none --plan level.json", "subtract dark frames, the black level"),
     ("--interpolation quintic", "nearest, linear, cubic or fourier"),
     ("--dtype int3", "--dtype: expected rounded or float32"),

@@ -336,6 +336,8 @@ def test_the_uncertainty_of_a_fit_lengthens_the_bars(lfcal: Lfcal, fitted: Path,
 def test_a_fit_that_does_not_apply_is_refused(lfcal: Lfcal, fitted: Path, place: Path, tmp_path: Path) -> None:
     out = ("-o", tmp_path / "v.npy", "--fit", fitted / "fit")
     lfcal("reconstruct", fitted / "fit" / "H.h5", fitted / "frame.tif", *out).refused("--fit: expected")
-    lfcal("reconstruct", place / "H.h5", place / "frame.tif", *out, "--bars").refused("name the fit of this scan")
+    lfcal("reconstruct", place / "H.h5", place / "frame.tif", *out, "--bars").refused(
+        "the folder of the fit of this scan"
+    )
     words = ("reconstruct", place / "H.h5", place / "frame.tif", *out, "--bars", "--region", place / "H.h5")
     lfcal(*words).refused("--fit: expected H of one region")

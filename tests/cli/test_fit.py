@@ -433,7 +433,7 @@ CASES: dict[str, tuple[Spoil, str]] = {
     "noise unknown": (saved(lambda: h_of(facts={"noise": no_noise()})), "state the noise (--noise CONSTANT,SLOPE)"),
     "all saturated": (
         saved(lambda: h_of(facts={"valid": np.zeros((1, 2, 4, 29), np.uint8)})),
-        "patterns: expected pixels that carry a measurement, got none; reduce the exposure",
+        "patterns: expected valid pixels (not saturated, masked or padded), got none; reduce the exposure",
     ),
     "resampled": (saved(lambda: h_of(provenance={"cutout": {"scale": [1.1, 1.0]}})), "assemble them without resamp"),
     "a microscope": (

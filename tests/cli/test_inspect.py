@@ -42,7 +42,7 @@ def H(tmp_path: Path) -> Path:
 @pytest.mark.long
 @pytest.mark.parametrize("suffix", [".npy", ".mat"])
 def test_files_of_other_codes_are_whole(lfcal: Lfcal, H: Path, tmp_path: Path, suffix: str) -> None:
-    """Regions of the field are looked for at the end: only an H file of lfcal can have them."""
+    """Regions of the field are looked for at the end: only an lfcal H file can have them."""
     other = tmp_path / f"other{suffix}"
     lfcal("export", H, "-o", other, "--allow-missing").ok()
     assert "report: " in lfcal("inspect", other, "--report", tmp_path / "out").ok().out

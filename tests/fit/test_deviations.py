@@ -98,5 +98,5 @@ def test_they_are_computed_once_and_alike_in_units(folder: Path) -> None:
 def test_an_h_of_another_scan_is_refused(folder: Path) -> None:
     own = few_patterns()
     other = PSFMatrix(np.ones(own.shape), depths=[d + 100 for d in own.depths], anchor=own.anchor)
-    with pytest.raises(InputError, match="name the fit of this scan"):
+    with pytest.raises(InputError, match="give the folder of the fit of this scan"):
         drain(iter_write_deviations(folder, other))

@@ -263,7 +263,7 @@ def test_the_residual_falls_from_round_to_round() -> None:
     # the described gap is 1 % off
     assert found[0].held_out > 0.03 and found[0].chi2 > 3 and not found[0].below_noise
     assert found[-1].below_noise and found[-1].held_out < 0.02
-    less = f"less than {format_share(found[-1].held_out)} off"
+    less = f"below {format_share(found[-1].held_out)}"
     assert found[-1].note == f"χ² {found[-1].chi2:.3g}, error of held-out patterns {less}"
 
 

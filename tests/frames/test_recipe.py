@@ -146,7 +146,7 @@ def test_left_aligned_samples_are_named_and_shifted() -> None:
     view = corrected_view(aligned, CorrectionRecipe(shift=4), plan)
     np.testing.assert_array_equal(view.read(0), raw[0])
     assert view.samples(0).saturated == 0
-    with pytest.raises(InputError, match="samples with 4 empty low bits, got samples that use them"):
+    with pytest.raises(InputError, match="samples with 4 unused low bits, got samples that use them"):
         corrected_view(ArraySource(raw, [(0, 0, 0)]), CorrectionRecipe(shift=4), plan).read(0)
 
 
@@ -261,14 +261,14 @@ def test_alignment_is_found_and_applied_or_proposed() -> None:
 def test_a_mixture_of_alignments_is_refused() -> None:
     frames = (SHIFTED << np.uint16(4)).copy()
     frames[-1] >>= 4
-    with pytest.raises(InputError, match=r"the same in all frames, got 0 empty low bits in .* and 4 in"):
+    with pytest.raises(InputError, match=r"the same in all frames, got 0 unused low bits in .* and 4 in"):
         chosen_shift("auto", series(frames))
     shift, note = chosen_shift("0", series(frames))
     assert shift == 0 and "the same in all frames" in note
     hidden = (SHIFTED << np.uint16(4)).copy()
     hidden[2] += 1  # a frame that is not looked at shows when it is read
     view = ShiftedSource(series(hidden), find_shift(series(hidden)))
-    with pytest.raises(InputError, match="samples with 4 empty low bits, got samples that use them"):
+    with pytest.raises(InputError, match="samples with 4 unused low bits, got samples that use them"):
         view.read(2)
 
 

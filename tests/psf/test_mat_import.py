@@ -137,9 +137,9 @@ def test_what_applies_to_another_format_or_name_is_refused(tmp_path: Path) -> No
     for name in ("H.npy", "H.h5"):
         with pytest.raises(InputError, match=r"expected a \.mat file"):
             open_psf(tmp_path / name, mat_order="rows-first")
-    with pytest.raises(InputError, match="region: expected an H file of lfcal"):
+    with pytest.raises(InputError, match="region: expected an lfcal H file"):
         open_psf(tmp_path / "H.npy", region="edge")
-    with pytest.raises(InputError, match="checksums: expected an H file of lfcal"):
+    with pytest.raises(InputError, match="checksums: expected an lfcal H file"):
         open_psf(tmp_path / "H.npy", check=True)
     prevedel(tmp_path / "m.h5", np.ones((3, 3, 3, 3, 1)))
     with pytest.raises(FileFormatError, match=r"got an HDF5 file of another kind; rename it to \.mat"):

@@ -1,4 +1,4 @@
-"""Names for screen readers: controls without a name get one from their label or tooltip."""
+"""Accessible names, for screen readers: controls without a name get one from their label or tooltip."""
 
 from __future__ import annotations
 
@@ -40,10 +40,11 @@ def unnamed(root: QWidget) -> list[QWidget]:
 
 
 def name_controls(root: QWidget) -> None:
-    """Name the controls in ``root`` that have no name: by their label, else by the start of their tooltip.
+    """Give an accessible name to each control in ``root`` that has none.
 
-    Pictures and plots are named after their axes. A scroll area that follows the focused control is skipped by the Tab
-    key.
+    The name is that of its label, or else the start of its tooltip or of its parent's tooltip, or its placeholder text.
+    Pictures and plots name themselves; tab bars are named "tabs". Scroll areas that contain controls are removed from
+    the Tab order, because they scroll to the focused control.
     """
     buddies = {label.buddy(): label.text() for label in root.findChildren(QLabel) if label.buddy() is not None}
     for widget in unnamed(root):

@@ -218,7 +218,10 @@ def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
     names = [name.strip() for name in text.split(",")]
     if len(names) != 3:
         raise InputError.expected(
-            "option axes", "three axes right,down,away", repr(text), "write it in this form: +x,+y,+z"
+            "option axes",
+            "three stage axes, for image right, down and away",
+            repr(text),
+            "write them like +x,+y,+z",
         )
     return replace(plan.stage, right=names[0], down=names[1], away=names[2])
 

@@ -28,7 +28,7 @@ class Converter:
     clip
         Sample value at which many samples accumulate; None if there is none.
     shift
-        Number of empty low bits of left-aligned samples.
+        Number of unused low bits of left-aligned samples.
     step
         Spacing of sample values after the shift, 0 for floats that are not on a grid.
     used
@@ -95,7 +95,7 @@ class ConverterScan:
                 f"{values[0]} everywhere",
                 "check the exposure and the saved files",
             )
-        # empty low bits: a power of two divides every sample
+        # unused low bits: a power of two divides every sample
         whole = int(np.bitwise_or.reduce(values))
         shift = (whole & -whole).bit_length() - 1
         step = float(np.gcd.reduce(values >> shift)) if shift < 8 else 1.0

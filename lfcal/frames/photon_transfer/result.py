@@ -25,7 +25,9 @@ VALUES = (
 
 @dataclass(frozen=True)
 class SensorMeasurement:
-    """Sensor properties measured from flats and darks. None: not determined, for the reason that ``notes`` state.
+    """Sensor properties measured from flats and darks.
+
+    A value that could not be determined is None; ``notes`` gives the reason.
 
     Attributes
     ----------

@@ -152,7 +152,7 @@ def spot_pass(
     out: NDArray[np.complex128],
     line: NDArray[np.complex128],
 ) -> None:
-    """Sum lit pixels times plane waves: ``out[x, q] = sum_ts (H - floor)+ down[t, q] across[s, q]``.
+    """Compute Fourier sums of patterns above a threshold: ``out[x, q] = sum_ts (H - floor)+ down[t, q] across[s, q]``.
 
     Parameters
     ----------

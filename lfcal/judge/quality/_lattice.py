@@ -114,7 +114,11 @@ def wave_vectors(
 def spot_waves(
     frames: NDArray[np.float32], floor: float, vectors: NDArray[np.float64], workers: int | None = None
 ) -> NDArray[np.complex128]:
-    """Return the sums of each pattern's lit pixels times waves ``exp(-i q r)``, ``(n, waves)``."""
+    """Return the Fourier sums ``(n, waves)`` of the patterns at the wave vectors q in ``vectors``.
+
+    Each is the sum over pixels of the excess above ``floor`` times ``exp(-i q r)``; other pixels count as 0. The wave
+    vectors ``(waves, 2)``, as (x, y), are in rad per pixel, and r is relative to the middle pixel.
+    """
     n, nt, ns = frames.shape
     s = np.arange(ns) - (ns - 1) // 2
     t = np.arange(nt) - (nt - 1) // 2

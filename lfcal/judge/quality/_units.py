@@ -69,7 +69,8 @@ def iter_inspect_units(H: PSFMatrix, report: Path, session: Path | None, run: Ru
     session
         The session with its control frames, or None.
     run
-        Executor, and treatment of an earlier run.
+        Settings for inspecting the planes as separate work units: the executor, and what to do with units left by an
+        earlier run.
 
     Raises
     ------

@@ -232,7 +232,7 @@ def _slices(H: PSFMatrix) -> ReportPicture:
             draw_image(
                 next(grid),
                 H.T[z, y, x],
-                title=f"HT: pixel at {_depth(H.known_depths, z)}",
+                title=f"HT: voxels of one pixel, {_depth(H.known_depths, z)}",
                 unit="value",
                 xlabel="voxel column s (px)",
                 ylabel="voxel row t (px)",

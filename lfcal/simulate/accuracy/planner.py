@@ -116,7 +116,7 @@ class EffectSelection:
     Attributes
     ----------
     rows
-        One row for each effect, in the order of the light path.
+        One row for each effect, in the order of `lfcal.simulate.effects.catalogue`.
     depths_um
         Object depth of each planned plane (µm, relative to the working plane, positive away from the camera).
     tolerance

@@ -41,7 +41,7 @@ WHITE_IMAGE = "white image"
 
 
 class ActsOn(Enum):
-    """Stage of the light path or recording on which an effect acts; members are in the order of the light path."""
+    """Part of the simulation on which an effect acts; lists of effects are in the order of the members."""
 
     SCENE = "optics"
     """The `Scene` given to the engine; costs nothing, unless waves must be computed."""
@@ -230,7 +230,7 @@ class Effect(ABC):
     """Display name."""
     acts_on: ClassVar[ActsOn]
     rank: ClassVar[int] = 50
-    """Order along the light path, among the effects that act on the same stage (`acts_on`)."""
+    """Sort key among the effects with the same `acts_on`; frame effects are applied in this order."""
     deviation: ClassVar[bool] = False
     """Whether it is an error of assembly or use whose size is not in the camera's description."""
     measured_by: ClassVar[str] = ""

@@ -42,7 +42,9 @@ def check_effect(kind: type[Effect]) -> None:
 
 
 def find_effects() -> Registry[type[Effect]]:
-    """Return the effect classes by name, in the order of the light path, including those from plug-in packages.
+    """Return the effect classes by name, including those from plug-in packages.
+
+    They are in the order of `ActsOn`, then of `Effect.rank`.
 
     Examples
     --------
@@ -68,7 +70,7 @@ CATALOGUE = find_effects()
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """Return one instance of every effect, with default magnitudes, in the order of the light path.
+    """Return one instance of every effect, with default magnitudes, in the order of `find_effects`.
 
     Deviations have a typical size. Magnitudes of the camera's description are None.
 

@@ -1,7 +1,7 @@
 """Effects of the sensor on the light that falls on it.
 
-They act in the order of their ``rank``, along the light path. The order is stray light, colour filter, pixel response,
-dark current, shot noise, full well, read noise; then electrons become sample values, which are rounded.
+They act in the order of their ``rank``, which is that of light and readout. The order is stray light, colour filter,
+pixel response, dark current, shot noise, full well, read noise; then electrons become sample values, which are rounded.
 """
 
 from __future__ import annotations

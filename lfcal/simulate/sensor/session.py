@@ -204,9 +204,8 @@ def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False
     if resume and unfinished(out) is not None:
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError.expected(
-            str(out), "a new or empty folder", "a folder that contains files", "choose another folder"
-        )
+        got = "a folder that is not empty" if out.is_dir() else "a file"
+        raise InputError.expected(str(out), "a new or empty folder", got, "choose another folder")
 
 
 def discard_unfinished(folder: str | os.PathLike[str]) -> None:

@@ -230,7 +230,10 @@ def _renewed(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def moved(plan: ScanPlan, origin: tuple[float, ...] | None) -> ScanPlan:
-    """Return the plan with other stage coordinates (µm) of the sensor centre; raise `InputError` if None."""
+    """Return ``plan`` with ``origin`` (µm), the stage position whose image is at the sensor centre.
+
+    Raise `InputError` unless ``origin`` has three values.
+    """
     if origin is None or len(origin) != 3:
         raise InputError.expected("Origin", "X,Y,Z in µm", origin or "none", "enter three numbers: 100,-20,1500")
     x, y, z = origin

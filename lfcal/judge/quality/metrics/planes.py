@@ -75,7 +75,11 @@ def _depth_order(h: MatrixMeasures) -> tuple[Reading, ...]:
 
 
 def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
-    """Return the error of the shadow size of each plane (per cent), and whether it is the size of another plane."""
+    """Return the error of each plane's shadow size, and whether the size fits another plane's depth clearly better.
+
+    The errors are in per cent; the second array is 1 where another depth fits better, else 0. Unknown values are NaN.
+    If a size fits another plane better, all errors are NaN, so that a wrong order is not also reported as wrong depths.
+    """
     off, order = np.full(len(h.planes), math.nan), np.full(len(h.planes), math.nan)
     try:
         away = np.array([camera.virtual_depth(float(z)) - 1 for z in h.matrix.depths])
@@ -94,7 +98,7 @@ def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
             apart = np.where((away[known] > 0) == beyond[k], apart, apart + 1)
         off[z] = 100 * max(0.0, apart[k] - FREEDOM / wanted[k])
         order[z] = float(apart[k] > 3 * apart.min() + 0.05)
-    if np.nansum(order):  # depths in a wrong order are not reported as wrong depths as well
+    if np.nansum(order):
         off[known] = math.nan
     return off, order
 
