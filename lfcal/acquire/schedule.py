@@ -291,7 +291,7 @@ class Schedule:
         As in `ScheduledFrame`, one value for each step. ``targets`` ``(N, 3)`` is (x, y, z) in µm, ``origins`` ``(N,
         2)`` is (row, column) in sensor pixels, and ``periods`` ``(N, 2)`` is (y, x) in whole periods.
     window
-        Number of rows and columns stored of each position, reference and control frame (px); dark frames contain the
+        Number of rows and columns stored from each position, reference and control frame (px); dark frames contain the
         whole ``roi``.
     roi
         Region read for all frames except control frames, which use ``control_roi``.

@@ -94,7 +94,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
         "--suspend",
         f"a gauge of the devices ({own}) or a file whose last line contains the newest number",
         name,
-        "name one of these gauges, or an existing file",
+        "give one of these gauges, or an existing file",
     )
 
 

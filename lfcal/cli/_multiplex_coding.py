@@ -137,7 +137,7 @@ def coding(
         seen = _stored(Path(source), plane, mat_order)
     else:
         if plane:
-            raise InputError.expected("--plane", "an H file", source, "name the plane with --depth or --virtual-depth")
+            raise InputError.expected("--plane", "an H file", source, "give the plane with --depth or --virtual-depth")
         seen = _simulated(load_camera(source), virtual_depth, depth, first, points, step)
     described = seen.camera if sensor is None else load_camera(sensor, only=OF_RAW_NOISE if uncorrected else OF_NOISE)
     if described is None:

@@ -20,7 +20,7 @@ TESTED = (
 UNTESTED = "Intervals were tested only with 60 iterations of rl-nesterov, at least 10 replicates and a contrast of 0.9."
 """Note on error bars that were computed with other settings."""
 
-EXACT = "H is assumed to be exact, apart from its recorded noise. If it was fitted, name the folder of the fit (--fit)."
+EXACT = "H is assumed to be exact, apart from its recorded noise. If it was fitted, give the folder of the fit (--fit)."
 """Note on error bars that do not include the uncertainty of the fit of H."""
 
 

@@ -40,7 +40,7 @@ def command(
     made = job.suffix.lower() in (".h5", ".hdf5")
     if made and out is None and not show:
         raise InputError.expected(
-            "--out", "a file to write", "none", "name one, because the file that is used as the job cannot be replaced"
+            "--out", "a file to write", "none", "give one, because the file that is used as the job cannot be replaced"
         )
     named = "again.h5" if made and out is None else out
     task, given = load_job(job, {} if named is None else {"out": str(named if show else Path(named).absolute())})

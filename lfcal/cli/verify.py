@@ -56,7 +56,7 @@ def _is_whole(path: Path, redo: Path | None, workers: int | None, json: bool) ->
         if redo is not None:
             raise InputError.expected("--redo", "a session folder", path, "leave --redo out")
         if path.name == "recording.h5" or path.name.startswith("recording-"):
-            raise FileFormatError.expected(str(path), "a session folder or an H file", "a recording", "name its folder")
+            raise FileFormatError.expected(str(path), "a session folder or an H file", "a recording", "give its folder")
     work: Work[Any] = (iter_verify if path.is_dir() else iter_verify_matrix)(path, workers=workers)
     report = run_work(work, quiet=json)
     judgement, again = judgement_of(report), report.to_redo if path.is_dir() else ()

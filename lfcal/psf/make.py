@@ -143,7 +143,7 @@ def iter_make(
         return open_psf((yield from iter_write(source, out, stored, run=run, workers=workers)))
     if run is not None:
         raise InputError.expected(
-            "H that is made unit by unit", "the name of the file to write", "none", "name a file with out="
+            "H that is made unit by unit", "the name of the file to write", "none", "give a file with out="
         )
     return (yield from _in_memory(source, workers))
 

@@ -266,4 +266,4 @@ def _check_memory(plan: ScanPlan) -> None:
     need = int(np.prod(plan.shape, dtype=np.int64)) * 4
     if need > MEMORY_LIMIT:
         limit = f"at most {format_bytes(MEMORY_LIMIT)}"
-        raise InputError.expected("memory of H", limit, format_bytes(need), "name a file with out=")
+        raise InputError.expected("memory of H", limit, format_bytes(need), "give a file with out=")

@@ -186,7 +186,7 @@ class Inspect(MatrixTask):
     def _check_units(self, run: RunSettings) -> None:
         asked = [name for name in ("executor", "scheduler", "resume") if getattr(run, name)]
         if asked and self.report is None:
-            raise InputError.expected(f"--{asked[0]}", "--report", "none", "name a folder for the report")
+            raise InputError.expected(f"--{asked[0]}", "--report", "none", "give a folder for the report")
 
     def _iter_quality(self, H: PSFMatrix, choice: RunChoice | None, workers: int | None) -> Work[QualityReport]:
         from lfcal.judge.quality import control_frames, iter_inspect, iter_inspect_units

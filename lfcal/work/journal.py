@@ -246,7 +246,7 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
         lines = read_text(folder / JOURNAL).splitlines()
     except LfcalError as error:
         raise InputError.expected(
-            str(folder), "the folder of a run", "none", "name the output file of the run"
+            str(folder), "the folder of a run", "none", "give the output file of the run"
         ) from error
     begun: dict[str, Any] | None = None
     states: dict[str, UnitState] = {}

@@ -339,7 +339,7 @@ def test_what_cannot_be_checked_is_refused_in_one_line(lfcal: Lfcal, sample: Pat
     before = (sample / "session.json").read_bytes()
     lfcal("verify", sample, "--redo", sample / "session.json").refused()
     assert (sample / "session.json").read_bytes() == before, "only a list is replaced by a list"
-    assert "name its folder" in lfcal("verify", sample / "recording.h5").err
+    assert "give its folder" in lfcal("verify", sample / "recording.h5").err
 
 
 def test_deviations_from_the_format_are_located(lfcal: Lfcal, tmp_path: Path) -> None:

@@ -308,7 +308,7 @@ def test_choices_that_do_not_go_together(lfcal: Lfcal, place: Path) -> None:
 def test_status_of_what_is_whole_running_or_nothing(lfcal: Lfcal, place: Path) -> None:
     assert ": complete" in lfcal("status", "H.h5").ok().out
     assert lfcal("status", "H.h5", "--json").json == {"path": "H.h5", "whole": True}
-    lfcal("status", "none.h5").refused("name the output file of the run")
+    lfcal("status", "none.h5").refused("give the output file of the run")
     work = iter_run([unit("a"), unit("b", "endless", begun=str(place / "begun"))], place / "V.parts", Threads(1))
     for _ in work:
         if (place / "begun").exists():

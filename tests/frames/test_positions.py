@@ -143,7 +143,7 @@ def test_what_a_folder_of_unclear_names_is_asked(tmp_path: Path) -> None:
         open_frames(tmp_path, plan_shape=(1, 3, 3))
     for k, path in enumerate(sorted(tmp_path.iterdir())):
         path.rename(tmp_path / f"frame{k:03d}.png")
-    words = r"9 numbered files such as frame\d+\.png; name their list .* their order: --order serpentine"
+    words = r"9 numbered files such as frame\d+\.png; give their list .* their order: --order serpentine"
     with pytest.raises(InputError, match=words):
         open_frames(tmp_path, plan_shape=(1, 3, 3))
 

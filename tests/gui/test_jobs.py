@@ -546,11 +546,11 @@ def test_a_run_is_watched_with_the_table_of_status(panel: JobPanel, qtbot: QtBot
 def test_a_missing_run_is_a_message_until_it_is_dismissed(
     panel: JobPanel, jobs: Jobs, qtbot: QtBot, tmp_path: Path
 ) -> None:
-    for path, words in ((tmp_path / "H.h5", "name the output file of the run"), (Path("/"), "the folder of a run")):
+    for path, words in ((tmp_path / "H.h5", "give the output file of the run"), (Path("/"), "the folder of a run")):
         with pytest.raises(InputError, match=words):
             look(path)
     view = panel.watch(tmp_path / "H.h5")
-    qtbot.waitUntil(lambda: "name the output file of the run" in view.status.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "give the output file of the run" in view.status.text(), timeout=GUARD_MS)
     button = view.findChild(QPushButton)
     assert button is not None
     button.click()

@@ -74,7 +74,7 @@ class Hdf5Image(ImageFile):
                 f"{self.path}:/{name}",
                 "numbers with axes (frame, row, column) or (z, y, x, row, column)",
                 f"{self._data.dtype} of shape {self._data.shape}",
-                "name another dataset",
+                "give another dataset",
             )
         self._lead = shape[:-2]
         self.shape = (shape[-2], shape[-1])

@@ -80,7 +80,7 @@ def open_unplaced(path: Path, colour: str | None = None) -> FolderSource:
     if path.is_dir():
         root, names = path, [p.name for p in path.iterdir() if p.suffix.lower() in image_suffixes()]
         if not names:
-            raise InputError.expected(f"frames in {path}", "images", "none", "name the folder that contains them")
+            raise InputError.expected(f"frames in {path}", "images", "none", "give the folder that contains them")
     entries = []
     for name in sorted(names, key=natural_key):
         image = open_image(root / name, colour=colour)
@@ -149,7 +149,7 @@ def _table(path: Path, options: FrameOptions) -> Path | None:
         return path
     found = [path / name for name in ("manifest.json", "manifest.csv") if (path / name).is_file()]
     if len(found) > 1:
-        raise InputError.expected(f"manifest in {path}", "one", "manifest.json and manifest.csv", "name the right one")
+        raise InputError.expected(f"manifest in {path}", "one", "manifest.json and manifest.csv", "give the right one")
     if not found and path.is_dir() and options.plan is not None and (own := micromanager_list(path)) is not None:
         return own
     if not found and path.is_dir():
@@ -169,7 +169,7 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
     names = [name for name in files_below(path, deep=False) if Path(name).suffix.lower() in image_suffixes()]
     if not names and not (names := _below(path)):
         raise InputError.expected(
-            f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "none", "name the folder that contains them"
+            f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "none", "give the folder that contains them"
         )
     if (path / "NDTiff.index").is_file() and not options.order:
         remedy = "state the order of the frames (--order), or copy the folder again"
@@ -237,7 +237,7 @@ def _by_guess(path: Path, names: list[str], options: FrameOptions) -> tuple[Mani
             f"positions of the frames in {path}",
             "a list of them, a name pattern, or a scan order",
             f"{guess.numbered} numbered files such as {names[0]}",
-            "name their list (--manifest LIST), or state their order: --order serpentine or raster, with the plan of "
+            "give their list (--manifest LIST), or state their order: --order serpentine or raster, with the plan of "
             "the scan",
         )
     raise _where_from(path)
@@ -371,6 +371,6 @@ def _where_from(path: Path) -> InputError:
         f"positions of the frames in {path}",
         "a manifest, a name pattern, or a scan order with the scan shape",
         "none",
-        "name their list (--manifest LIST; columns file, z, y, x), or state how names or order define the positions: "
+        "give their list (--manifest LIST; columns file, z, y, x), or state how names or order define the positions: "
         "--pattern 'z{z}_y{y}_x{x}.png', or --order with --plan",
     )

@@ -465,7 +465,7 @@ CASES: tuple[tuple[Callable[[Path], str], dict[str, str], str], ...] = (
     (positions, {"first": "1"}, "got 0; count from 0" + COUNTED),
     (counted, {"first": "1"}, "correct the number of the first position" + COUNTED),
     (two_lists, {}, "expected one, got stage.csv, stage2.csv; choose the right one; choose the List above"),
-    (empty, {}, "expected images (TIFF, PNG, NPY, RAW …), got none; name the folder that contains them"),
+    (empty, {}, "expected images (TIFF, PNG, NPY, RAW …), got none; give the folder that contains them"),
     (unlike, {}, "; choose the List above, type the pattern of Names above, or choose their Order above"),
     (long_exposures, {}, "state the unit in the contents of the columns" + CONTENT),
     (stated("X (mm)", "Y", "Z (mm)"), {}, "got none" + CONTENT),
