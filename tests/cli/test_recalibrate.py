@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from lfcal.reconstruct import load_volume
 from lfcal.tasks import RunSettings, Watch
 from tests.cli.conftest import Lfcal, Run
 from tests.judge.test_check import AT, changed, new_frame, plan_of, setup_of, values
-from tests.recalibrate.common import WRONG, beads, frame_of, small_h, small_plan, true_setup
+from tests.recalibrate.common import WRONG, beads, frame_of, shared_patterns, small_h, small_plan, true_setup
 from tests.recalibrate.test_watch import PLAN, SETUP, drifted, frame
 
 # -- ``lfcal fit check``: whether an old H still holds, as a user asks it --
@@ -374,6 +374,12 @@ def test_a_folder_with_the_name_of_the_command_is_named_with_a_slash(
 GIVEN = ("--noise", "9,1", "--black-level", 100, "--workers", 2)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _shared_patterns() -> Iterator[None]:
+    with shared_patterns():
+        yield
+
+
 def stored(values: np.ndarray) -> np.ndarray:
     """Return the samples that a camera stores."""
     return np.clip(np.rint(values + 100), 0, 65535).astype(np.uint16)
@@ -499,6 +505,7 @@ def details(path: Path) -> dict[str, Any]:
 RECONSTRUCT = ("--resample", "never", "--solver", "rl", "--iterations", 2, "--margin", 0)
 
 
+@pytest.mark.long
 def test_a_series_uses_the_recalibrated_h_after_a_drift(lfcal: Lfcal, knocked: Path) -> None:
     place = knocked
     moved = json.loads((place / "knock/recalibrated/camera.json").read_text())["lattice"]["offset_um"]
@@ -523,6 +530,7 @@ def test_a_series_uses_the_recalibrated_h_after_a_drift(lfcal: Lfcal, knocked: P
     assert [one["alarm"] for one in details(place / "all.h5")["watch"]] == [False, False, True, True, True]
 
 
+@pytest.mark.long
 def test_a_check_of_other_frames_or_another_h_is_refused(lfcal: Lfcal, knocked: Path) -> None:
     place = knocked
     shutil.copy(place / "monday/H.h5", place / "another.h5")

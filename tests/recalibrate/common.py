@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from lfcal.base import plain
 from lfcal.camera import ScanPlan, preset
 from lfcal.fit import NewFrame, Setup
-from lfcal.fit.model import Fineness, predict
+from lfcal.fit.model import Fineness, Sampling, predict
 from lfcal.fit.parameters import ScanScales, Vector
 from lfcal.fit.setup import starting_effects
 from lfcal.psf import PSFMatrix
-from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
+from lfcal.recalibrate._patterns import VoxelPatterns, Voxels, every_voxel, patterns_at
 from lfcal.recalibrate._window import SensorWindow, windows_of
 
 GROUPS = ("geometry", "iris")
@@ -72,6 +76,22 @@ def frame_of(plan: ScanPlan, volume: NDArray[np.float32], seed: int, *, peak: fl
     mean = light * peak / light.max() + 20 + 6 * y - 4 * x
     electrons = rng.poisson(mean) + 3 * rng.standard_normal(mean.shape)
     return NewFrame(electrons.astype(np.float32), noise=(9.0, 1.0), label=f"beads {seed}")
+
+
+@contextmanager
+def shared_patterns() -> Iterator[None]:
+    """Return a context in which patterns of one setup, plan and sampling are computed once."""
+    known: dict[bytes, VoxelPatterns] = {}
+
+    def shared(setup: Setup, plan: ScanPlan, voxels: Voxels, sampling: Sampling, workers: int | None) -> VoxelPatterns:
+        key = pickle.dumps((setup, plan, voxels, sampling))
+        if key not in known:
+            known[key] = patterns_at(setup, plan, voxels, sampling, workers)
+        return replace(known[key], values=known[key].values.copy())  # derivatives are computed in place
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("lfcal.recalibrate.model.patterns_at", shared)
+        yield
 
 
 def small_h(plan: ScanPlan, setup: Setup) -> PSFMatrix:

@@ -219,6 +219,7 @@ def test_windows_become_smaller_if_memory_is_short(monkeypatch: pytest.MonkeyPat
         MODULE.windows_within(plan, None, 1.0, every=False)
 
 
+@pytest.mark.long
 def test_a_stopped_fit_continues_from_its_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     plan = small_plan(side=100)
     frame, notes = frame_of(plan, beads(plan, 8, 40), 8), list[str]()
