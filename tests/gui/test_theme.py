@@ -195,6 +195,7 @@ def test_each_window_takes_a_theme_in_a_turn_of_its_own(
         parts: dict[str, qt.QWidget] = {"frame": window.header, **{key: window.page(key) for key in keys}}
         return [name for name, part in parts.items() if DARK.text in part.styleSheet()]
 
+    window._to_front("setup")
     window.set_theme("dark")
     assert restyled() == ["setup"] and not window.updatesEnabled(), "nothing is drawn half in the new colours"
     turns = [0]
