@@ -139,7 +139,7 @@ def visit_all(folder: Path, *, ahead: bool = True) -> dict[str, tuple[float, int
     while window.ahead.active:
         held.do("pages are made", lambda: None)
     for spec in window.specs:
-        held.do(spec.title, window.go, spec.key)
+        held.do(spec.title, window.visit, spec.key)
     window.go("setup")
     setup: Any = window.page("setup")
     held.do("Set up again", lambda: None)

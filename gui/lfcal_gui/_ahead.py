@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QApplication
 
-from lfcal_gui.base_page import BasePage
-
 PAUSE_MS = 100
 """Time between two steps (ms)."""
 
@@ -25,7 +23,7 @@ class Ahead(QObject):
     keys
         Keys of the pages, in the order in which they are made.
     make
-        Function that returns a page; the first call makes the page, without its style.
+        Function that does the next step of making a page, and returns False if there is none.
     busy
         Function that returns whether work is running whose result will be shown soon.
     parent
@@ -33,7 +31,7 @@ class Ahead(QObject):
     """
 
     def __init__(
-        self, keys: Sequence[str], make: Callable[[str], BasePage], busy: Callable[[], bool], parent: QObject
+        self, keys: Sequence[str], make: Callable[[str], bool], busy: Callable[[], bool], parent: QObject
     ) -> None:
         super().__init__(parent)
         self._make, self._busy = make, busy
@@ -63,10 +61,8 @@ class Ahead(QObject):
                 self.stop()
             self._worked_s = time.thread_time()
 
-    def _all_steps(self, keys: Sequence[str]) -> Iterator[BasePage]:
-        """Make each page and apply its style, in a step each."""
+    def _all_steps(self, keys: Sequence[str]) -> Iterator[str]:
+        """Make each page in its steps."""
         for key in keys:
-            yield self._make(key)
-            page = self._make(key)
-            page.take_theme()
-            yield page
+            while self._make(key):
+                yield key

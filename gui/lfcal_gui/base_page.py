@@ -110,8 +110,16 @@ class BasePage(QWidget):
         header.addLayout(self.tools)
         return header
 
-    def set_views(self, views: Sequence[PageSpec]) -> None:
-        """Show buttons for the views of this page's place at the left of the header."""
+    @staticmethod
+    def panel_of(context: Context) -> QWidget | None:
+        """Make the panel of the page, if it is so large that the page is made in a later turn of the event loop.
+
+        The class of the page takes it as its third parameter.
+        """
+        return None
+
+    def set_views(self, views: Sequence[PageSpec], show: Callable[[str], object]) -> None:
+        """Show buttons for the views of this page's place at the left of the header; ``show`` shows a page."""
         for number, spec in enumerate(views if len(views) > 1 else (), 1):
             one = QPushButton(spec.title)
             one.setProperty("role", "segment")
@@ -119,7 +127,7 @@ class BasePage(QWidget):
             one.setChecked(spec is self.spec)
             one.setToolTip(f"{spec.hint} (Alt+{number})")
             one.clicked.connect(lambda _=False, b=one, own=spec is self.spec: b.setChecked(own))
-            one.clicked.connect(lambda _=False, key=spec.key: self.context.go.emit(key, None))
+            one.clicked.connect(lambda _=False, key=spec.key: show(key))
             self.segments.insertWidget(number - 1, one)
             self.views[spec] = one
         if self.views and self.segments.count() > len(self.views):

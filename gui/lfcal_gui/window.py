@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -101,6 +101,8 @@ class MainWindow(QMainWindow):
         self._manual: Manual | None = None
         self._stopped = self._leaving = self._overdue = False
         self._pages: dict[str, BasePage] = {}
+        self._making: dict[str, Iterator[bool]] = {}
+        self._visited = ""
         self._windows: dict[str, PageWindow] = {}
         self._last: dict[str, str] = {}
         self._front = ""
@@ -114,7 +116,7 @@ class MainWindow(QMainWindow):
         self._connect()
         fit_screen(self)
         self._restore()
-        self.ahead = Ahead([spec.key for spec in self.specs], self._made, lambda: self.jobs.busy, self)
+        self.ahead = Ahead([spec.key for spec in self.specs], self._make, lambda: self.jobs.busy, self)
         self.leading = Leading(self.context, self.next_line, self, self.page, self._looked_at)
         self.leading.changed.connect(self._say_places)
         self.go(self.specs[0].key)
@@ -179,7 +181,12 @@ class MainWindow(QMainWindow):
     # -- pages -----------------------------------------------------------------------------------------
     @property
     def shown(self) -> BasePage:
-        """The current page: a view of the current place, or a page in a separate window."""
+        """The current page: a view of the current place, or a page in a separate window.
+
+        It is the page that the user chose last, which is made at once if it is still being made.
+        """
+        if self._visited:
+            self.go(self._visited)
         return self.page(self._front)
 
     def spec(self, key: str) -> PageSpec | None:
@@ -192,26 +199,43 @@ class MainWindow(QMainWindow):
 
     def page(self, key: str) -> BasePage:
         """Return the page ``key``, which is made at the first call."""
-        if key not in self._pages:
-            self._made(key).take_theme()
+        while self._make(key):
+            pass
         self._pages[key].catch_up()
         return self._pages[key]
 
-    def _made(self, key: str) -> BasePage:
-        """Return the page ``key``, which is made at the first call, without its style."""
-        if key not in self._pages:
-            spec = next(spec for spec in self.specs if spec.key == key)
-            made = self._pages[key] = page_class(spec)(spec, self.context)
-            name_controls(made)
-            if spec.place:
-                made.set_views(self.views(spec.place))
-                self.stack.addWidget(made)
-                self.notices.addWidget(_held(made.notice))
-            else:
-                self._windows[key] = PageWindow(made, self, self.settings)
-                self._windows[key].activated.connect(lambda: self._to_front(key))
-            self.layouts.restore(key, made)
-        return self._pages[key]
+    def _make(self, key: str) -> bool:
+        """Do the next step of making a page; return False if there is none."""
+        if key not in self._making:
+            self._making[key] = self._steps(key)
+        try:
+            return next(self._making[key], False)
+        except BaseException:
+            del self._making[key]
+            raise
+
+    def _steps(self, key: str) -> Iterator[bool]:
+        """Make a page in steps: a large panel, the page, its place in the window, and its style."""
+        spec = next(spec for spec in self.specs if spec.key == key)
+        made_as = page_class(spec)
+        panel = made_as.panel_of(self.context)
+        if panel is not None:
+            yield True
+        made = made_as(spec, self.context, *(() if panel is None else (panel,)))
+        yield True
+        name_controls(made)
+        if spec.place:
+            made.set_views(self.views(spec.place), self.visit)
+            self.stack.addWidget(made)
+            self.notices.addWidget(_held(made.notice))
+        else:
+            self._windows[key] = PageWindow(made, self, self.settings)
+            self._windows[key].activated.connect(lambda: self._to_front(key))
+        self.layouts.restore(key, made)
+        self._pages[key] = made
+        yield True
+        made.take_theme()
+        yield True
 
     def import_pages(self) -> None:
         """Import the pages and their libraries in the background, then make them while the window is idle."""
@@ -232,22 +256,36 @@ class MainWindow(QMainWindow):
         """Show a place with the view that was shown last."""
         views = self.views(place)
         if views:
-            self.go(self._last.get(place, views[0].key))
+            self.visit(self._last.get(place, views[0].key))
 
     def go_view(self, number: int) -> None:
         """Show the view with a number, from 0, of the current place."""
-        spec = self.spec(self._front)
-        views = self.views(spec.place) if spec is not None and spec.place else ()
+        place = self.shown.spec.place
+        views = self.views(place) if place else ()
         if number < len(views):
-            self.go(views[number].key)
+            self.visit(views[number].key)
 
     def _looked_at(self) -> tuple[str, str]:
         """Return the keys of the current page and place."""
         page = self.stack.currentWidget()
         return self._front, page.spec.place if isinstance(page, BasePage) else ""
 
+    def visit(self, key: str) -> None:
+        """Show a page that the user chose. A page that does not exist yet is made in turns of the event loop first."""
+        self._visited = key
+
+        def step() -> None:
+            if self._visited == key:  # else another page was chosen since
+                if self._make(key):
+                    self.jobs.later(step)
+                else:
+                    self.go(key)
+
+        step()
+
     def go(self, key: str, payload: object = None) -> None:
         """Show a page, and pass it the object that another page sent."""
+        self._visited = ""
         spec = self.spec(key)
         if spec is None:
             self.log(f"the page {key} is not part of this installation")

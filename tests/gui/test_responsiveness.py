@@ -7,7 +7,7 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -116,26 +116,17 @@ def test_pictures_are_made_when_they_are_first_shown(qtbot: QtBot, jobs: Jobs) -
     assert acquire.record.pictures.isVisible() and not acquire.record.pictures.findChildren(ErrorView)
 
 
-class Made:
-    """A page that records when its style is applied."""
-
-    def __init__(self) -> None:
-        self.styled = False
-
-    def take_theme(self) -> None:
-        self.styled = True
-
-
 def test_pages_are_made_in_short_steps_while_nothing_happens(
     qapp: qt.QApplication, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first look at a page took up to 140 ms."""
-    clock, pages, busy = Clock(), dict[str, Made](), [False]
+    clock, pages, busy = Clock(), dict[str, int](), [False]
     monkeypatch.setattr(ahead_module, "time", clock)
     owner = qt.QWidget()
 
-    def make(key: str) -> Any:
-        return pages.setdefault(key, Made())
+    def make(key: str) -> bool:
+        pages[key] = pages.get(key, 0) + 1
+        return pages[key] <= 2
 
     ahead = Ahead(("a", "b"), make, lambda: busy[0], owner)
     ahead.start()
@@ -150,13 +141,8 @@ def test_pages_are_made_in_short_steps_while_nothing_happens(
     found = []
     for _ in range(4):
         ahead.step()
-        found.append([(key, page.styled) for key, page in pages.items()])
-    assert found == [
-        [("a", False)],
-        [("a", True)],
-        [("a", True), ("b", False)],
-        [("a", True), ("b", True)],
-    ]
+        found.append(dict(pages))
+    assert found == [{"a": 1}, {"a": 2}, {"a": 3, "b": 1}, {"a": 3, "b": 2}]
     assert ahead.active
     ahead.step()
     assert not ahead.active
@@ -206,6 +192,32 @@ def test_only_the_current_page_follows_a_change_in_the_same_turn(window: MainWin
     late = {key: (old, new) for key, old, new in followed[3:]}
     assert followed[2] == ("frames", "one", "two") and set(late) == other and len(followed) == 3 + len(other)
     assert late.pop("h") == ("one", "two") and set(late.values()) == {(first, "two")}
+
+
+def test_a_page_that_the_user_chooses_is_made_in_turns(window: MainWindow, qtbot: QtBot) -> None:
+    """The first look at a page took 60 to 100 ms immediately after the start."""
+    shown, left = window.stack.currentWidget(), list[Callable[[], None]]()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(window.jobs, "later", left.append)
+        window.visit("reconstruct")
+        turns = 0
+        while left:
+            assert window.stack.currentWidget() is shown, "no half of a page is shown"
+            left.pop(0)()
+            turns += 1
+        assert turns == 4 and window.stack.currentWidget() is window.page("reconstruct")
+        window.visit("h")
+        window.visit("simulate")
+    while left:
+        left.pop(0)()
+    idle(window.jobs, qtbot)
+    assert window.shown is window.page("simulate"), "the last choice counts"
+    window.visit("acquire")
+    window.go_view(1)
+    idle(window.jobs, qtbot)
+    assert window.shown.spec is window.views("record")[1], "a key applies to the page that was chosen before"
+    window.visit("h")
+    assert window.page("h").styleSheet(), "a page that is used is complete"
 
 
 def test_a_page_follows_before_the_user_works_on_it(window: MainWindow) -> None:

@@ -36,9 +36,9 @@ FOLLOWED = ("plan", "camera", "recording", "redo")
 class Page(BasePage):
     """Page with the devices, their live view, and the session that is recorded with them."""
 
-    def __init__(self, spec: PageSpec, context: Context) -> None:
+    def __init__(self, spec: PageSpec, context: Context, panel: AcquirePanel | None = None) -> None:
         super().__init__(spec, context)
-        self.panel = AcquirePanel(context.jobs)
+        self.panel = self.panel_of(context) if panel is None else panel
         self.setup = SetupTab(context, self.panel.setup, self)
         self.record = RecordTab(context, self.setup, self.panel.record, self)
         self.record.ended.connect(lambda: self._show(context.state, folder=False))
@@ -49,6 +49,11 @@ class Page(BasePage):
         self._add_shortcuts()
         self.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state, folder=True)
+
+    @staticmethod
+    def panel_of(context: Context) -> AcquirePanel:
+        """Make the panel of the page."""
+        return AcquirePanel(context.jobs)
 
     def let_go(self) -> None:
         """Discard frames, results and requests of the previous project; a running recording is shown until it ends."""

@@ -62,9 +62,9 @@ FOLLOWED = ("psf", "light_field", "volume")
 class Page(BasePage):
     """Page that exports H, and reconstructs volumes in runs that you can stop and continue."""
 
-    def __init__(self, spec: PageSpec, context: Context) -> None:
+    def __init__(self, spec: PageSpec, context: Context, panel: ReconstructPanel | None = None) -> None:
         super().__init__(spec, context)
-        self.panel = ReconstructPanel(context.jobs)
+        self.panel = self.panel_of(context) if panel is None else panel
         self.image: NDArray[Any] | None = None
         self.solving: Solving | None = None
         self.synthetic: Synthetic | None = None
@@ -96,6 +96,11 @@ class Page(BasePage):
         self.shortcut("PgUp", lambda: view.set_cross(z=view.intent.z - 1))
         self.shortcut("PgDown", lambda: view.set_cross(z=view.intent.z + 1))
         self._follow_context()
+
+    @staticmethod
+    def panel_of(context: Context) -> ReconstructPanel:
+        """Make the panel of the page."""
+        return ReconstructPanel(context.jobs)
 
     def _follow_context(self) -> None:
         context = self.context
