@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -111,12 +111,13 @@ class BasePage(QWidget):
         return header
 
     @staticmethod
-    def panel_of(context: Context) -> QWidget | None:
-        """Make the panel of the page, if it is so large that the page is made in a later turn of the event loop.
+    def parts(context: Context) -> Iterator[QWidget]:
+        """Make the parts of a large page, each of which is made in its own turn of the event loop.
 
-        The class of the page takes it as its third parameter.
+        The last part is the panel of the page, which the class takes as its third parameter. Without parts, the
+        page makes its panel itself.
         """
-        return None
+        return iter(())
 
     def set_views(self, views: Sequence[PageSpec], show: Callable[[str], object]) -> None:
         """Show buttons for the views of this page's place at the left of the header; ``show`` shows a page."""

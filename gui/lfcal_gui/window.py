@@ -215,13 +215,14 @@ class MainWindow(QMainWindow):
             raise
 
     def _steps(self, key: str) -> Iterator[bool]:
-        """Make a page in steps: a large panel, the page, its place in the window, and its style."""
+        """Make a page in steps: the parts of a large page, the page, its place in the window, and its style."""
         spec = next(spec for spec in self.specs if spec.key == key)
         made_as = page_class(spec)
-        panel = made_as.panel_of(self.context)
-        if panel is not None:
+        parts = []
+        for part in made_as.parts(self.context):
+            parts.append(part)
             yield True
-        made = made_as(spec, self.context, *(() if panel is None else (panel,)))
+        made = made_as(spec, self.context, *parts[-1:])
         yield True
         name_controls(made)
         if spec.place:

@@ -29,6 +29,7 @@ from lfcal_gui._garbage import CALM_TICKS, LATEST_TICKS, Collector
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire._pictures import ErrorView, RecordPictures
 from lfcal_gui.pages.acquire.panel import AcquirePanel
+from lfcal_gui.pages.acquire.setup_panel import SetupPanel
 from lfcal_gui.pages.h.panel import HPanel, LevelRow
 from lfcal_gui.screenshots import main as take_pictures
 from lfcal_gui.window import MainWindow
@@ -100,7 +101,7 @@ def test_the_first_window_loads_neither_libraries_nor_later_pages(tmp_path: Path
 
 
 def test_pictures_are_made_when_they_are_first_shown(qtbot: QtBot, jobs: Jobs) -> None:
-    h, acquire = HPanel(), AcquirePanel(jobs)
+    h, acquire = HPanel(), AcquirePanel(SetupPanel(jobs))
     for panel in (h, acquire):
         qtbot.addWidget(panel)
     h.show_fit(None)
@@ -205,7 +206,7 @@ def test_a_page_that_the_user_chooses_is_made_in_turns(window: MainWindow, qtbot
             assert window.stack.currentWidget() is shown, "no half of a page is shown"
             left.pop(0)()
             turns += 1
-        assert turns == 4 and window.stack.currentWidget() is window.page("reconstruct")
+        assert turns == 5 and window.stack.currentWidget() is window.page("reconstruct")
         window.visit("h")
         window.visit("simulate")
     while left:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from lfcal_gui.pages.acquire._lab import KEYS, Lab
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.acquire.record_tab import RecordTab
+from lfcal_gui.pages.acquire.setup_panel import SetupPanel
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
 
 JOGS = (
@@ -38,7 +39,7 @@ class Page(BasePage):
 
     def __init__(self, spec: PageSpec, context: Context, panel: AcquirePanel | None = None) -> None:
         super().__init__(spec, context)
-        self.panel = self.panel_of(context) if panel is None else panel
+        self.panel = AcquirePanel(SetupPanel(context.jobs)) if panel is None else panel
         self.setup = SetupTab(context, self.panel.setup, self)
         self.record = RecordTab(context, self.setup, self.panel.record, self)
         self.record.ended.connect(lambda: self._show(context.state, folder=False))
@@ -51,9 +52,11 @@ class Page(BasePage):
         self._show(context.state, folder=True)
 
     @staticmethod
-    def panel_of(context: Context) -> AcquirePanel:
-        """Make the panel of the page."""
-        return AcquirePanel(context.jobs)
+    def parts(context: Context) -> Iterator[QWidget]:
+        """Make the live view, and then the panel."""
+        setup = SetupPanel(context.jobs)
+        yield setup
+        yield AcquirePanel(setup)
 
     def let_go(self) -> None:
         """Discard frames, results and requests of the previous project; a running recording is shown until it ends."""

@@ -6,7 +6,6 @@ from PySide6.QtCore import QSize
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QStackedWidget, QVBoxLayout, QWidget
 
-from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_panel import SetupPanel
 from lfcal_gui.widgets import Folded, button, column_area, column_of, inspector_width, line, row_of
@@ -17,9 +16,9 @@ SESSION = "Progress of the session: depth-plane sum, error of H, curves"
 class AcquirePanel(QWidget):
     """Panel with a picture, the planes below it, and the inspector."""
 
-    def __init__(self, jobs: Jobs) -> None:
+    def __init__(self, setup: SetupPanel) -> None:
         super().__init__()
-        self.setup, self.record = SetupPanel(jobs), RecordPanel()
+        self.setup, self.record = setup, RecordPanel()
         self.session = button("Session", SESSION)
         self.views, self.bars = QStackedWidget(), QStackedWidget()
         for view in (self.setup, self.record):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QFileDialog, QWidget
 
 from lfcal.base import LfcalError, Work, format_seconds
 from lfcal.psf import empty_words
@@ -30,6 +30,7 @@ from lfcal_gui.models import (
 )
 from lfcal_gui.pages.reconstruct._costing import Costing
 from lfcal_gui.pages.reconstruct._exporting import Exporting
+from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, device_reason
 from lfcal_gui.pages.reconstruct.model_regions import DrawnLabels, labels_file
 from lfcal_gui.pages.reconstruct.model_solving import (
@@ -64,7 +65,7 @@ class Page(BasePage):
 
     def __init__(self, spec: PageSpec, context: Context, panel: ReconstructPanel | None = None) -> None:
         super().__init__(spec, context)
-        self.panel = self.panel_of(context) if panel is None else panel
+        self.panel = ReconstructPanel(VolumeView(context.jobs)) if panel is None else panel
         self.image: NDArray[Any] | None = None
         self.solving: Solving | None = None
         self.synthetic: Synthetic | None = None
@@ -98,9 +99,11 @@ class Page(BasePage):
         self._follow_context()
 
     @staticmethod
-    def panel_of(context: Context) -> ReconstructPanel:
-        """Make the panel of the page."""
-        return ReconstructPanel(context.jobs)
+    def parts(context: Context) -> Iterator[QWidget]:
+        """Make the view of the volume, and then the panel."""
+        view = VolumeView(context.jobs)
+        yield view
+        yield ReconstructPanel(view)
 
     def _follow_context(self) -> None:
         context = self.context

@@ -19,7 +19,6 @@ from PySide6.QtWidgets import (
 
 from lfcal.reconstruct import PHANTOMS, SOLVERS
 from lfcal_gui.base_page import EmptyState
-from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import cutout_of, unbroken
 from lfcal_gui.pages.reconstruct._exporting import ExportCard
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
@@ -88,8 +87,8 @@ class ReconstructPanel(QWidget):
     make_asked = Signal(str, arguments=["phantom"])
     """Request to make a light field from a phantom."""
 
-    def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, view: VolumeView) -> None:
+        super().__init__()
         basic, more = (tuple(field for field in FIELDS if (field.key in BASIC) is seen) for seen in (True, False))
         self.form = FoldedForm(basic)
         tip = "Stopping, noise, projector, margin, region, memory; costs, forecast and likelihood"
@@ -97,7 +96,7 @@ class ReconstructPanel(QWidget):
         for form in (self.form, self.more):
             form.set_defaults(vars(ReconstructSettings()))
         self.no_device = NO_DEVICE
-        self.view = VolumeView(jobs)
+        self.view = view
         self.view.light_field.blank.words = "Open a light field, or make one."
         self.phantoms = QMenu(self)
         for name in PHANTOMS:
