@@ -123,7 +123,6 @@ def iter_watch(
     if not plan.camera.has_lattice:
         raise NoLatticeError.of("watching frames")
     array = _Array(setup, plan, contents or Contents(plan.depths_um), noise, windows, workers)
-    yield from array.iter_prepared()
     clock = Clock("watch", len(quiet) + len(frames))
     yield clock.at(0)
     calm: list[_Measured] = []
@@ -189,6 +188,7 @@ class _Array:
         places = windows_within(plan, windows, COPIES, every=True)
         self.windows = [DriftWindow(one, setup, contents, workers) for one in places]
         self.at: F8 = np.zeros(len(DRIFT_NAMES))
+        self._prepared = False
 
     def iter_prepared(self) -> Work[None]:
         """Compute H and its derivatives at the drift ``at``."""
@@ -199,6 +199,7 @@ class _Array:
             for _ in window.iter_prepared(self.at):
                 done += 1
                 yield clock.at(done)
+        self._prepared = True
 
     def iter_measured(self, frames: Sequence[NewFrame], k: int, taken: Sequence[str]) -> Work[_Measured]:
         """Return the drift in a frame; a frame that cannot be used does not end the series."""
@@ -216,6 +217,8 @@ class _Array:
     def _iter_drift(self, frame: ObjectFrame) -> Work[_Measured]:
         """Return the drift; a large one is found in several steps, after which the array stays where it was found."""
         begin = self.at
+        if not self._prepared:  # not before a frame can be read, because it takes minutes for a large sensor
+            yield from self.iter_prepared()
         for _ in range(ROUNDS):
             found = self._step(frame)
             assert found.drift is not None

@@ -19,6 +19,7 @@ from lfcal.fit.model import Fineness
 from lfcal.fit.parameters import ScanScales, Vector
 from lfcal.recalibrate import DriftWatch, watch
 from lfcal.recalibrate._alarm import AlarmTest, MeasuredDrift, mean_drift, rejected
+from lfcal.recalibrate._drift import DriftWindow
 from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
 from lfcal.recalibrate.watch import _trends
 from lfcal.recalibrate.watched import WatchedFrame, WatchedMean
@@ -126,6 +127,16 @@ def test_a_frame_that_cannot_be_used_does_not_end_the_series() -> None:
     assert found.holds and "structure" in found.frames[0].problem and np.isnan(found.frames[0].values[0])
     with pytest.raises(InputError, match="structure that is larger than the noise"):
         watched([dark])
+
+
+def test_frames_that_cannot_be_read_are_refused_before_h_is_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Damaged(list[NewFrame]):
+        def __getitem__(self, _: object) -> NewFrame:
+            raise InputError("cut.tif: damaged")
+
+    monkeypatch.setattr(DriftWindow, "iter_prepared", lambda *_: pytest.fail("H is computed"))
+    with pytest.raises(InputError, match=r"cut\.tif: damaged"):
+        watched(Damaged([frame(drifted(), 0)]))
 
 
 def test_saturated_pixels_are_left_out_and_named() -> None:
