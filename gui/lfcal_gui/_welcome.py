@@ -74,7 +74,9 @@ class Welcome(QDialog):
 
     def _last_line(self, shown: bool) -> QHBoxLayout:
         self.box, close = QCheckBox("Show at startup"), QPushButton("Close")
-        self.box.setToolTip("Untick to start with an empty project. To show this dialog again, tick it in Preferences")
+        self.box.setToolTip(
+            "Untick to start with an empty project. Preferences > Show the welcome dialog at startup shows it again"
+        )
         close.setToolTip("Close this dialog. Help > Welcome opens it again")
         self.box.setChecked(shown)
         self.box.toggled.connect(self.kept.emit)

@@ -57,7 +57,9 @@ def demosaic(
     *,
     out: Path = typer.Option(..., "--out", "-o", help="File for red, green and blue (float32 TIFF)."),
     pattern: str | None = typer.Option(None, help="Colour filter pattern, such as GRBG; default: from the RAW file."),
-    route: str = typer.Option("spatial", help="Route: spatial or fourier."),
+    route: str = typer.Option(
+        "spatial", help="Method: spatial (interpolates each channel) or fourier (crops tiles of the spectrum)."
+    ),
     filter: str | None = typer.Option(
         None,
         help="Filter of the spatial route: directional, lmmse, nearest, linear, cubic, lanczos, sinc or bilateral; "
@@ -266,7 +268,10 @@ def views(
         "else cubic.",
     ),
     modulator: str | None = typer.Option(None, help="Mask used instead of lenslets, such as MURA:11."),
-    axes: str = typer.Option("lattice", help="Direction of the rows of views: lattice or frame."),
+    axes: str = typer.Option(
+        "lattice",
+        help="Direction of the pixel rows in each view: lattice (views are rotated with the lattice) or frame (views are upright).",
+    ),
     sensor: str | None = typer.Option(
         None,
         help="Preset or camera file whose sensor gives the weights: saturated pixels are left out, others weighted "

@@ -178,7 +178,7 @@ def design(
 
 def filters(
     *,
-    size: int = typer.Option(256, min=64, max=4096, help="Side of the scenes (px)."),
+    size: int = typer.Option(256, min=64, max=4096, help="Side length of the test scenes (px)."),
     out: Path | None = typer.Option(None, "--out", "-o", help="File for a plot of the error against run time (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,

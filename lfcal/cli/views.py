@@ -190,7 +190,10 @@ def command(
         "", help="Kind of lattice in --white: square or hexagonal; default: from the camera, else detected."
     ),
     pitch: float = typer.Option(0.0, help="Nominal pitch in --white (px), accurate to 10 %; default: detected."),
-    axes: str = typer.Option("frame", help="Direction of the rows of views: frame or lattice."),
+    axes: str = typer.Option(
+        "frame",
+        help="Direction of the pixel rows in each view: frame (views are upright) or lattice (views are rotated with the lattice).",
+    ),
     full: bool = typer.Option(
         False,
         "--full",

@@ -241,7 +241,7 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "flicker": Injection(
         "the light differs by 5 % rms from frame to frame",
-        "the light of the patterns scatters more than its errors explain",
+        "the light differs from pattern to pattern by more than its standard errors explain",
         _flicker,
     ),
     "depth_label": Injection(

@@ -170,7 +170,7 @@ class Flicker(Fault):
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if the light scatters more than its errors explain."""
+        """Yield a fault if the light differs from pattern to pattern by more than its standard errors explain."""
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)
         if most is None:

@@ -159,8 +159,8 @@ class RecordPanel(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.map_words = ElidedLabel(role="hint")
         self.map_words.setToolTip(
-            "Values in the map. Frames of a target record only some of the phases; a fit of the optics "
-            "predicts the others"
+            "Range of the values in the map; for a target of many points, the fraction of the phases that are covered. "
+            "A fit of the optics predicts the other phases"
         )
         widget = QWidget()
         column_of(line(self.quantity, self.map_words, stretch=1), of=widget, spacing=4)
