@@ -260,7 +260,7 @@ def views(
     ),
     route: str = typer.Option(
         "spatial",
-        help="Route: spatial; with --modulator also fourier, or both (the Fourier result goes to OUT_fourier.tif).",
+        help="Method: spatial; with --modulator also fourier, or both (the Fourier result goes to OUT_fourier.tif).",
     ),
     filter: str | None = typer.Option(
         None,
@@ -270,7 +270,8 @@ def views(
     modulator: str | None = typer.Option(None, help="Mask used instead of lenslets, such as MURA:11."),
     axes: str = typer.Option(
         "lattice",
-        help="Direction of the pixel rows in each view: lattice (views are rotated with the lattice) or frame (views are upright).",
+        help="Direction of the pixel rows in each view: lattice (views are rotated with the lattice) or frame "
+        "(views are upright).",
     ),
     sensor: str | None = typer.Option(
         None,

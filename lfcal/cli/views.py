@@ -192,7 +192,8 @@ def command(
     pitch: float = typer.Option(0.0, help="Nominal pitch in --white (px), accurate to 10 %; default: detected."),
     axes: str = typer.Option(
         "frame",
-        help="Direction of the pixel rows in each view: frame (views are upright) or lattice (views are rotated with the lattice).",
+        help="Direction of the pixel rows in each view: frame (views are upright) or lattice (views are rotated "
+        "with the lattice).",
     ),
     full: bool = typer.Option(
         False,
