@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QAction, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QMenuBar, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QMenu, QPushButton, QVBoxLayout, QWidget
 from shiboken6 import isValid
 
 from lfcal_gui.theme import style_sheet
@@ -32,8 +32,8 @@ class PaletteEntry:
         return all(word in self.name.lower() for word in typed.lower().split())
 
 
-def doable(bar: QMenuBar, page: QWidget, title: str) -> list[PaletteEntry]:
-    """Return palette entries for the enabled buttons of ``page`` and the enabled menu actions.
+def doable(menus: Iterable[QMenu], page: QWidget, title: str) -> list[PaletteEntry]:
+    """Return palette entries for the enabled buttons of ``page`` and the enabled actions of ``menus``.
 
     Names of buttons begin with ``title``, the title of the page.
     """
@@ -43,13 +43,22 @@ def doable(bar: QMenuBar, page: QWidget, title: str) -> list[PaletteEntry]:
         for button in page.findChildren(QPushButton)
         if _pressable(button, page) and (name := _name_of(button))
     ]
-    for menu in (action.menu() for action in bar.actions()):
-        for action in [] if menu is None else menu.actions():
-            if action.text() and action.isEnabled() and action.menu() is None and not action.isSeparator():
-                shortcut = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
-                name = f"{menu.title()}: {action.text()}".replace("&", "")
-                entries.append(PaletteEntry(name, shortcut, action.trigger, partial(_triggerable, action)))
+    for menu in menus:
+        for action in offered(menu):
+            shortcut = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+            name = f"{menu.title()}: {action.text()}".replace("&", "")
+            entries.append(PaletteEntry(name, shortcut, action.trigger, partial(_triggerable, action)))
     return entries
+
+
+def offered(menu: QMenu) -> list[QAction]:
+    """Return the enabled entries of a menu that open no other menu.
+
+    ``QAction.menu`` is not called, because it deletes the menu in PySide6 before 6.11.3.
+    """
+    heads = [other.menuAction() for other in menu.findChildren(QMenu)]
+    actions = (one for one in menu.actions() if one.text() and not one.isSeparator())
+    return [one for one in actions if one.isEnabled() and one not in heads]
 
 
 def _name_of(button: QPushButton) -> str:

@@ -431,7 +431,7 @@ class MainWindow(QMainWindow):
     def show_palette(self) -> None:
         """Open the command palette."""
         page = self.shown
-        Palette(page.window(), doable(self.menuBar(), page, page.spec.title)).open()
+        Palette(page.window(), doable(self.menus.menus, page, page.spec.title)).open()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Accept files."""

@@ -26,6 +26,7 @@ from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.app import make_window, parse
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.palette import offered
 from lfcal_gui.window import MainWindow
 from tests.cli.conftest import small_plan
 from tests.gui.invariants import check_window
@@ -119,8 +120,7 @@ class Walk:
         return self.random.randrange(2)
 
     def _of_menu(self, menu: qt.QMenu) -> str:
-        offered = [a for a in menu.actions() if a.isEnabled() and a.text() and a.menu() is None]
-        actions = [a for a in offered if a.text() not in LEFT_ALONE]
+        actions = [a for a in offered(menu) if a.text() not in LEFT_ALONE]
         if not actions:
             return "nothing"
         action = self.random.choice(actions)
@@ -238,8 +238,7 @@ class Walk:
         return what
 
     def _menu(self) -> str:
-        menus = [action.menu() for action in self.window.menuBar().actions()]
-        return self._of_menu(self.random.choice([m for m in menus if m is not None]))
+        return self._of_menu(self.random.choice(self.window.menus.menus))
 
     def _drop(self) -> str:
         files = self.random.sample(self.files, self.random.choice((1, 1, 1, 2)))

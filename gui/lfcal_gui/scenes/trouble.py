@@ -107,7 +107,7 @@ def dialogs(stage: Stage) -> Iterator[Capture]:
         stage.settle()
         yield Capture(f"dialog_{name}", dialog)
         dialog.close()
-    palette = Palette(window, doable(window.menuBar(), window.shown, "Set up"))
+    palette = Palette(window, doable(window.menus.menus, window.shown, "Set up"))
     palette.open()
     stage.turn()
     yield Capture("dialog_palette", palette)

@@ -56,6 +56,7 @@ NO_LIGHT_FIELD = (
 NO_CURVE = "Press Reconstruct. Each iteration adds a point."
 
 OPEN = "An image recorded with the same optics: TIFF, PNG, RAW and others. You can also drop a file here"
+SAVE = "Write the volume as TIFF (opens in ImageJ), OME-TIFF, OME-Zarr, HDF5 or NumPy file"
 MAKE = (
     "Project a phantom with this H, add photon noise, and save the result as a light field whose true volume is known"
 )
@@ -167,11 +168,7 @@ class ReconstructPanel(QWidget):
         column.addWidget(self.more)
         self.go = QPushButton("Reconstruct")
         self.go.clicked.connect(lambda: self.pressed.emit(self._go))
-        self.save = self._button(
-            "save",
-            "Save volume …",
-            "Write the volume as TIFF (opens in ImageJ), OME-TIFF, OME-Zarr, HDF5 or NumPy file",
-        )
+        self.save = self._button("save", "Save volume …", SAVE)
         held = self.save.sizePolicy()
         held.setRetainSizeWhenHidden(True)  # nothing moves when there is a volume to save
         self.save.setSizePolicy(held)
