@@ -105,11 +105,11 @@ class MainWindow(QMainWindow):
         self._visited = self._front = ""
         self._windows: dict[str, PageWindow] = {}
         self._last: dict[str, str] = {}
-        self.layouts = Layouts(self.settings)
-        self.specs = tuple(available_pages() if pages is None else pages)
+        self.layouts, self.specs = Layouts(self.settings), tuple(available_pages() if pages is None else pages)
         self._build_centre()
         self._build_status()
-        self.tools, self.scripts, self.menus = Tools(self, folder), Scripts(self), WindowMenus(self)
+        self.tools, self.scripts = Tools(self, folder), Scripts(self)
+        self.menus = WindowMenus(self)
         self._style()
         self._connect()
         fit_screen(self)
