@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QStackedWidget,
     QWidget,
 )
+from shiboken6 import isValid
 
 from lfcal.base import LfcalError
 from lfcal_gui._ahead import Ahead
@@ -537,7 +538,9 @@ class MainWindow(QMainWindow):
 
 
 def _apply_style(part: QWidget) -> None:
-    """Apply the style sheet to a part of the window."""
+    """Apply the style sheet to a part of the window, unless it was deleted before its turn."""
+    if not isValid(part):
+        return
     part.setStyleSheet(style_sheet())
     if isinstance(part, Themed):  # a window with plots; a page redraws only its own plots
         part.apply_theme()

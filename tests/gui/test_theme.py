@@ -12,6 +12,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
+from shiboken6 import delete
 
 from lfcal_gui.models.shot import Shot
 from lfcal_gui.theme import DARK, LIGHT, NIGHT, THEMES, Theme, apply_theme, current_theme, style_sheet
@@ -203,6 +204,16 @@ def test_each_window_takes_a_theme_in_a_turn_of_its_own(
         step()
         turns.append(len(restyled()) - 1)
     assert window.updatesEnabled() and turns[-1] == 3 and max(np.diff(turns)) == 1
+
+
+def test_a_dialog_that_is_closed_before_its_turn_is_left_out(window: MainWindow, qtbot: QtBot) -> None:
+    dialog = qt.QDialog(window)
+    dialog.setStyleSheet(style_sheet())
+    window.set_theme("dark")
+    window._style()  # leaves the hidden dialog for a later turn
+    delete(dialog)
+    idle(window.jobs, qtbot)
+    assert window.header.styleSheet() == style_sheet()
 
 
 def test_icons_of_places_and_the_primary_button_have_the_accent(window: MainWindow) -> None:

@@ -103,7 +103,7 @@ def test_what_is_no_h_file_is_refused(tmp_path: Path) -> None:
             verify(tmp_path / name)
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["data"] = VALUES
-    with pytest.raises(FileFormatError, match="expected an H file"):
+    with pytest.raises(FileFormatError, match="expected an lfcal H file"):
         verify(tmp_path / "other.h5")
     path = save(PSFMatrix(VALUES), tmp_path / "H.h5")
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
