@@ -26,7 +26,9 @@ def frame_errors(label: str, position: Position) -> Iterator[None]:
     try:
         yield
     except (FileFormatError, StorageError) as error:
-        message = str(error).removeprefix(f"{label}: ").removesuffix("leave it out").removesuffix(", or ")
+        path, _, said = str(error).partition(": ")
+        message = said if path.endswith(label) else str(error)
+        message = message.removesuffix("leave it out").removesuffix(", or ")
         where = f"{label}, (z, y, x) = {tuple(position)}"
         joint = "" if message.endswith(" ") else ", or "
         raise type(error)(f"{where}: {message}{joint}leave it out (--skip-damaged)") from error
