@@ -273,7 +273,7 @@ class BackgroundThreads(QObject):
         self._calls.put(call)
 
     def later(self, call: Callable[[], None]) -> None:
-        """Leave a call for a later turn of the event loop; results that arrive after it are delivered after it."""
+        """Make a call in a later turn of the event loop, before results that arrive in the meantime are delivered."""
 
         def left() -> None:
             self._left -= 1

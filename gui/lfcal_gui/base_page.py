@@ -145,7 +145,7 @@ class BasePage(QWidget):
             self._soon(self.take_theme)
 
     def _soon(self, follow: Callable[[], None]) -> None:
-        """Follow a change: at once if the user works on this page, otherwise in a separate turn."""
+        """Follow a change: immediately if the user works on this page, otherwise in a separate turn."""
         if self.context.in_front(self.spec.key):
             follow()
         else:

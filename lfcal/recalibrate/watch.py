@@ -217,7 +217,7 @@ class _Array:
     def _iter_drift(self, frame: ObjectFrame) -> Work[_Measured]:
         """Return the drift; a large one is found in several steps, after which the array stays where it was found."""
         begin = self.at
-        if not self._prepared:  # not before a frame can be read, because it takes minutes for a large sensor
+        if not self._prepared:  # only after a frame was read: a large sensor needs minutes
             yield from self.iter_prepared()
         for _ in range(ROUNDS):
             found = self._step(frame)

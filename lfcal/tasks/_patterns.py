@@ -328,8 +328,8 @@ def without_positions(
     """Return ``error`` with a remedy for this command, if it is about positions that ``source`` does not state.
 
     ``plan`` and ``recipe`` are those that were given. If the frames of exactly one subfolder state their positions, the
-    message names this folder. ``matrix`` is the H to check with the frames, in which the positions of single frames can
-    be found; None in a fit.
+    message names this folder. ``matrix`` is the H to check with the frames; it shows the
+    positions of single frames. None in a fit.
     """
     said, _, remedy = str(error).partition("; ")
     if not any(option in remedy for option in LISTED):

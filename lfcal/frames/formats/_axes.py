@@ -30,7 +30,7 @@ def used_axes(shape: Sequence[int]) -> tuple[int, ...]:
 class FramesLast(ImageFile):
     """A stack with axes (row, column, frame): each page of ``stack`` is one row of all frames.
 
-    The complete stack is read together with the first frame, because every frame is spread over the whole file.
+    The complete stack is read with the first frame, because every frame is spread over the whole file.
 
     Raises
     ------
