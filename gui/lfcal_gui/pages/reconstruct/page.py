@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog, QWidget
 
-from lfcal.base import LfcalError, Work, format_seconds
+from lfcal.base import InputError, LfcalError, Work, format_seconds
 from lfcal.psf import empty_words
 from lfcal.tasks import ReconstructBars, RunSettings
 from lfcal_gui.base_page import BasePage
@@ -562,8 +562,13 @@ class Page(BasePage):
         def work() -> Work[Any]:
             if drawn is not None:
                 drawn.write(path)
-            # finished replicates of a stopped run are used again
-            return task.work(RunSettings(resume=True))
+            try:
+                # finished replicates of a stopped run are used again
+                return (yield from task.work(RunSettings(resume=True)))
+            except InputError:
+                if drawn is not None:  # such as regions of a volume of another size
+                    labels_file(path).unlink(missing_ok=True)
+                raise
 
         title = f"Error bars of {Path(path).name}"
         self.context.jobs.start(

@@ -446,3 +446,20 @@ def test_sums_over_drawn_regions_get_error_bars(page: Page, context: Context, qt
     assert len(view.intent.regions.boxes) == 1, "they are still drawn over the new volume"
     page.let_go()
     assert not view.intent.regions.boxes
+
+
+def test_regions_of_a_volume_of_another_size_are_refused(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    make(page, qtbot, tmp_path / "light.tif")
+    view = page.panel.view
+    view.set_volume(np.ones((2, 10, 12), np.float32))
+    idle(context.jobs, qtbot)
+    view.drawing.trigger()
+    view._press()
+    view.slice.steered_to.emit(6, 8)
+    page.bars(str(tmp_path / "v.tif"))
+    idle(context.jobs, qtbot)
+    (job,) = (one for one in context.jobs.jobs() if one.kind == "bars")
+    assert "labels of regions: expected shape" in job.error
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith("v")], "nothing is left"
