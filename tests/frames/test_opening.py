@@ -210,8 +210,8 @@ BAD_FRAMES: dict[str, tuple[Damage, str]] = {
     "all zero": (lambda p: _write(p, BLANK), "a1.tif, (z, y, x) = (0, 0, 1): expected an image"),
     "all saturated": (lambda p: _write(p, BLANK + np.uint16(4095)), "the value 4095 in every pixel"),
     "more bits": (lambda p: _write(p, FIRST * 16), "(z, y, x) = (0, 0, 1): expected values below 4096"),
-    "removed": (lambda p: p.unlink(), "a1.tif: No such file or directory"),
-    "cut short": (lambda p: p.write_bytes(p.read_bytes()[:-9]), "a1.tif: expected an intact TIFF file"),
+    "removed": (lambda p: p.unlink(), "a1.tif, (z, y, x) = (0, 0, 1): No such file"),
+    "cut short": (lambda p: p.write_bytes(p.read_bytes()[:-9]), "(z, y, x) = (0, 0, 1): expected an intact TIFF file"),
 }
 
 
