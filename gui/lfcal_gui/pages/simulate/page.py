@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QFileDialog, QWidget
 
 from lfcal.accuracy import Curve
 from lfcal.base import LfcalError
@@ -44,6 +44,7 @@ from lfcal_gui.pages.simulate.model_frames import (
 from lfcal_gui.pages.simulate.model_measure import BEADS_FILE, BeadPlan, iter_beads
 from lfcal_gui.pages.simulate.panel import SimulatePanel
 from lfcal_gui.saving import ask_target, write_file
+from lfcal_gui.widgets import CostCurve
 
 PART, SECONDS = "simulation", 20.0
 """Measured part, and approximate duration of the measurement (s)."""
@@ -60,8 +61,9 @@ RESUMED = RunSettings(resume=True)
 class Page(BasePage):
     """Page that asks the planner after every change; answers to earlier requests are discarded."""
 
-    def __init__(self, spec: PageSpec, context: Context) -> None:
+    def __init__(self, spec: PageSpec, context: Context, panel: SimulatePanel) -> None:
         super().__init__(spec, context)
+        self.panel = panel
         self.verdict: EffectsVerdict | None = None
         self.bench = FrameBench()
         self.influences = Influences(self.bench)
@@ -76,7 +78,6 @@ class Page(BasePage):
         self._asked: tuple[Any, ...] = (None, None)
         """Plan and settings of the frame that is displayed or being made."""
         self.tool_button("Compute H …", "Compute H of all positions of the plan, as a job", self.simulate)
-        self.panel = SimulatePanel(context.jobs)
         self._connect()
         self.set_panel(self.panel)
         self.theme_changed.connect(self._apply_theme)
@@ -85,6 +86,13 @@ class Page(BasePage):
         self.shortcut("F5", self.measure)
         self.shortcut("Escape", self.stop)
         self._show(context.state)
+
+    @staticmethod
+    def parts(context: Context) -> Iterator[QWidget]:
+        """Make the curve, and then the panel."""
+        curve = CostCurve()
+        yield curve
+        yield SimulatePanel(context.jobs, curve)
 
     def _connect(self) -> None:
         panel, effect = self.panel, self.panel.effect

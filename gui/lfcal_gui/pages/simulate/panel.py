@@ -194,9 +194,9 @@ class SimulatePanel(QWidget):
     effects, ``"import"``, ``"export"`` or ``"reset"`` of magnitudes and settings, ``"stop"`` of the pictures of an
     effect."""
 
-    def __init__(self, jobs: Jobs) -> None:
+    def __init__(self, jobs: Jobs, curve: CostCurve) -> None:
         super().__init__()
-        self.curve = CostCurve()
+        self.curve = curve
         self.view = Picture("fraction of the light")
         self.effect, self.frame, self.place = (
             EffectPanel(self._asking("stop")),
