@@ -57,7 +57,7 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
     from PySide6.QtWidgets import QApplication
 
     from lfcal.psf import PSFMatrix
-    from lfcal_gui.app import make_window, parse
+    from lfcal_gui.app import begin, make_window, parse
 
     found_app = QApplication.instance()
     app: Any = found_app or QApplication(["lfcal"])
@@ -65,10 +65,11 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
     rng = np.random.default_rng(0)
     row = rng.random((nx, nt, ns), np.float32)
     with TemporaryDirectory() as folder:
-        window = make_window(app, parse([]), folder=Path(folder))
+        window = make_window(app, options := parse([]), folder=Path(folder))
         window.show()
+        begin(window, options)
         held = LongestTurn(app, lambda: window.jobs.busy)
-        held.do("start", lambda: None)
+        _start(held, window, "start", "start")
         window.context.matrices.put("plane", PSFMatrix(np.broadcast_to(row, (1, ny, nx, nt, ns)).copy()))
         window.go("h")
         held.do("H is opened", lambda: window.project.update("open", psf="plane"))
@@ -90,6 +91,17 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
         window.close()
     held.found.pop("start")
     return held.result()
+
+
+def _start(held: LongestTurn, window: Any, started: str, made: str) -> None:
+    """Wait for the time in which no user acts after the start, and then until the window has made its pages."""
+    from lfcal_gui.window import IMPORT_MS
+
+    shown = time.monotonic()
+    while time.monotonic() < shown + 2 * IMPORT_MS / 1e3:
+        held.do(started, lambda: None)
+    while window.ahead.active:
+        held.do(made, lambda: None)
 
 
 def _frames(held: LongestTurn, jobs: Any, shape: tuple[int, int]) -> None:
@@ -124,7 +136,6 @@ def visit_all(folder: Path, *, ahead: bool = True) -> dict[str, tuple[float, int
     from PySide6.QtWidgets import QApplication
 
     from lfcal_gui.app import begin, make_window, parse
-    from lfcal_gui.window import IMPORT_MS
 
     app, options = QApplication(["lfcal"]), parse([])
     window = make_window(app, options, folder=folder)
@@ -133,11 +144,7 @@ def visit_all(folder: Path, *, ahead: bool = True) -> dict[str, tuple[float, int
         window.ahead.start = lambda: None  # type: ignore[method-assign]
     begin(window, options)
     held = LongestTurn(app, lambda: window.jobs.busy)
-    shown = time.monotonic()
-    while time.monotonic() < shown + 2 * IMPORT_MS / 1e3:  # no user acts sooner
-        held.do("after the start", lambda: None)
-    while window.ahead.active:
-        held.do("pages are made", lambda: None)
+    _start(held, window, "after the start", "pages are made")
     for spec in window.specs:
         held.do(spec.title, window.visit, spec.key)
     window.go("setup")

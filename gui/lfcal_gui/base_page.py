@@ -142,14 +142,7 @@ class BasePage(QWidget):
     def _theme_changed(self) -> None:
         # an open dialog is seen without its page
         if self.isVisible() or any(dialog.isVisible() for dialog in self.findChildren(QDialog)):
-            self._soon(self.take_theme)
-
-    def _soon(self, follow: Callable[[], None]) -> None:
-        """Follow a change: immediately if the user works on this page, otherwise in a separate turn."""
-        if self.context.in_front(self.spec.key):
-            follow()
-        else:
-            self.context.jobs.later(follow)
+            self.context.jobs.later(self.take_theme)
 
     def take_theme(self) -> None:
         """Apply the colours of the current theme. A hidden page does so when it is shown.
@@ -311,8 +304,10 @@ class BasePage(QWidget):
         waits, self._behind = self._behind is not None, self._behind or old
         if self._begun != self.context.project.begun:
             self.catch_up()
-        elif not waits or self.context.in_front(self.spec.key):
-            self._soon(self.catch_up)
+        elif self.context.in_front(self.spec.key):  # the user works on this page
+            self.catch_up()
+        elif not waits:
+            self.context.jobs.later(self.catch_up)
 
     def catch_up(self) -> None:
         """Follow the changes of the project that were left for a later turn of the event loop."""

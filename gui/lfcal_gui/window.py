@@ -397,8 +397,8 @@ class MainWindow(QMainWindow):
         for dialog in self.findChildren(QDialog):
             if dialog.styleSheet() and dialog.isVisible():  # others follow their page
                 _apply_style(dialog)
-        self.jobs.later(self._style)
         self.context.theme_changed.emit()
+        self.jobs.later(self._style)
         self._refresh()
 
     def _style(self) -> None:

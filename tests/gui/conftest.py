@@ -124,7 +124,8 @@ def open_page(context: Context, qtbot: QtBot) -> OpenPage:
 
     def made(key: str, height: int = 560) -> Any:
         spec = PAGES.get(key)
-        page: Any = page_class(spec)(spec, context)
+        kind: Any = page_class(spec)
+        page = kind(spec, context, *[*kind.parts(context)][-1:])
         qtbot.addWidget(page)
         page.resize(1060, height)
         page.show()
