@@ -164,6 +164,7 @@ def test_the_frames_of_the_sample_are_whole(window: MainWindow, qtbot: QtBot) ->
         assert whole(shown, page), "it was cut off at its lower edge"
     assert NIGHT.text in page.panel.numbers.text()
     window.set_theme("light")
+    idle(window.jobs, qtbot)
     assert NIGHT.text not in page.panel.numbers.text(), "numbers kept the colour of the theme before"
     window.resize(*LARGE)
     settle()

@@ -165,7 +165,7 @@ def test_a_part_is_measured_and_drawn(
     ((_, ticks),) = axis.tickValues(-7.2, 1.0, 400)
     assert axis.tickStrings(ticks, 1, 1)[-1] == "1" and 4 <= len(ticks) <= 8
     apply_theme(qapp, DARK)
-    context.theme_changed.emit()
+    page.take_theme()
     assert chart.front.opts["pen"].color().name() == DARK.accent
     chart.save_data(str(tmp_path / "a.csv"))
     lines = (tmp_path / "a.csv").read_text().splitlines()

@@ -153,7 +153,7 @@ def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot
     assert page.panel.marker.value() == pytest.approx(1, abs=1e-4)
     for theme in (DARK, LIGHT):
         apply_theme(qapp, theme)
-        context.theme_changed.emit()
+        page.take_theme()
         assert page.panel.marker.pen.color().name() == theme.text
 
 
@@ -238,7 +238,7 @@ def test_figures_of_the_paper(page: Page, qtbot: QtBot, qapp: QApplication, monk
     assert shown.markers[0].value() == pytest.approx(np.log10(camera_chi2(page.context.state.camera.sensor)))
     for theme in (DARK, LIGHT):
         apply_theme(qapp, theme)
-        page.context.theme_changed.emit()
+        page.take_theme()
         assert shown.markers[0].pen.color().name() == theme.text
     page.context.project.undo()
     settle(page, qtbot)

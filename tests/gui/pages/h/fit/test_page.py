@@ -382,7 +382,7 @@ def test_an_incomplete_model_and_choices_since_the_fit_are_reported(fitted: Page
     project.undo()
     assert "settings changed" not in view.detail.text()
     apply_theme(qapp, DARK)
-    fitted.context.theme_changed.emit()
+    fitted.take_theme()
     assert view.verdict.palette().text().color() == QColor(DARK.good)
     worse = replace(found.fit, chi_square=replace(found.fit.chi_square, lit=2.0, sigma=0.05))
     fitted.fitting.found = replace(found, fit=worse)
