@@ -150,6 +150,7 @@ def test_a_theme_restyles_visible_widgets_first(qapp: qt.QApplication, window: M
     window.go("frames")
     window.go("setup")
     setup, frames = window.page("setup"), window.page("frames")
+    idle(window.jobs, qtbot)
     redrawn: list[str] = []
     setup.theme_changed.connect(lambda: redrawn.append("setup"))
     frames.theme_changed.connect(lambda: redrawn.append("frames"))

@@ -20,7 +20,7 @@ from lfcal_gui.pages.acquire._lab import KEYS, Standing, next_step
 from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme, current_theme
 from lfcal_gui.window import MainWindow
 from tests.gui.pages.acquire._building import PLAN
-from tests.gui.waiting import GUARD_MS, idle
+from tests.gui.waiting import GUARD_MS
 
 SOME = 12
 """Frames after which a recording of `PLAN` is neither at its beginning nor near its end."""
@@ -82,8 +82,8 @@ def test_a_sitting_by_the_large_buttons_and_their_keys(
     page.lab.press("next")
     assert page.setup.station is None and not page.setup.connecting, "what is not shown is not pressed"
     qtbot.keyClick(page, Qt.Key.Key_F11)
-    idle(window.jobs, qtbot)
-    assert panel.bar.isVisible() and current_theme() is NIGHT and NIGHT.text in page.styleSheet()
+    qtbot.waitUntil(lambda: NIGHT.text in page.styleSheet(), timeout=GUARD_MS)
+    assert panel.bar.isVisible() and current_theme() is NIGHT
     assert page.panel.record.map.graphics.backgroundBrush().color().name() == NIGHT.panel
     assert shown(page, "next") == "Next: Connect\nF9" and shown(page, "start") == "Start\nF6"
     qtbot.keyClick(page, Qt.Key.Key_F9)
