@@ -76,6 +76,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     return Whole(place, found, seen, [one.note for one in shown if one.stage == "error of H"])
 
 
+@pytest.mark.long
 def test_a_session_ends_when_h_reaches_its_error(whole: Whole) -> None:
     place, found, seen, notes = whole
     assert found.how == "reached" and found.outcome.how == "complete" and tuple(seen) == found.steps
@@ -93,6 +94,21 @@ def test_a_session_ends_when_h_reaches_its_error(whole: Whole) -> None:
     assert len(measured) == seen[-1].positions and measured.held_out.sum() == len(session.kept_aside) >= len(seen)
     aside = {tuple(p) for p in measured.index[measured.held_out].tolist()}
     assert aside == set(session.kept_aside) and fit.held_out_error.patterns == len(aside)
+
+
+def test_a_session_ends_when_no_position_is_left(tmp_path: Path) -> None:
+    seen, options = list[AdaptiveStep](), replace(OPTIONS, check_stage=False, reference_every=0)
+    goal = replace(GOAL, error=1e-3, most=6)
+    with rig(tmp_path) as own:
+        work = iter_adaptive(tmp_path / "s", PLAN, own, goal, options, workers=1, seen=seen.append)
+        found = drain(work)
+    assert found.how == "used up" and found.outcome.how == "complete" and found.outcome.acknowledged == 6
+    assert tuple(seen) == found.steps and [step.positions for step in seen] == [6] and found.fit is not None
+    session = SessionFile.read(tmp_path / "s")
+    assert len(session.recordings) == 1 and verify(tmp_path / "s").ok
+    measured = drain(iter_session_patterns(tmp_path / "s"))
+    assert len(measured) == 6
+    assert set(map(tuple, measured.index[measured.held_out].tolist())) == set(session.kept_aside)
 
 
 @pytest.mark.long

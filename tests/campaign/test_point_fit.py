@@ -92,6 +92,7 @@ def hole_of(problem: Problem, point: Point) -> float:
     return problem.vector.values(point.u)["hole_um"]
 
 
+@pytest.mark.long
 def test_light_changes_with_the_square_of_the_diameter(flat_view: FrameSource, flat_points: Points) -> None:
     problem = problem_with(flat_view, flat_points, DESCRIBED, DESCRIBED, 1e-3)
     measured = problem.measured

@@ -66,7 +66,7 @@ def test_every_region_is_recorded_at_its_place_and_progress_is_that_of_all(tmp_p
     assert first_begun(folder) is None
 
 
-@pytest.mark.parametrize("at", [5, pytest.param(25, marks=pytest.mark.long), 50])
+@pytest.mark.parametrize("at", [5, *(pytest.param(at, marks=pytest.mark.long) for at in (25, 50))])
 def test_an_interrupted_session_is_resumed(recorded: Path, tmp_path: Path, at: int) -> None:
     with pytest.raises(Exception, match=r"vanish|no answer"):
         record(tmp_path / "s", DeviceFault("vanishes", at))
@@ -90,6 +90,7 @@ def test_from_the_plan_to_h_of_all_regions(tmp_path: Path, lfcal: Lfcal) -> None
     (tmp_path / "plan.json").write_text(PLAN.to_json())
     out, H = tmp_path / "s", tmp_path / "H.h5"
     words = ("acquire", tmp_path / "plan.json", "-o", out, "--darks", 2, "--reference-every", 0)
+    words = (*words, "--no-check-stage", "--option", "optics=pattern")
     assert lfcal(*words, "--dry-run", "--json").json["positions"] == 54
     made = lfcal(*words, "--assemble", H, "--json").json
     assert made["outcome"]["acknowledged"] == 54 and made["bytes_gained"] > 0
@@ -148,7 +149,7 @@ def coloured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("dark", [pytest.param(False, marks=pytest.mark.long), True])
 def test_each_colour_has_a_file_of_all_regions(coloured: Path, tmp_path: Path, dark: bool) -> None:
     """Cutouts of a mosaic contain the pixels of a colour at the positions whose image is on one of them."""
     how = {} if dark else {"dark": "none"}

@@ -42,14 +42,20 @@ def seen(plan: ScanPlan, frames: NDArray[np.uint16], places: NDArray[np.intp], n
     return seen_patterns(lambda k: turn.apply(frames[k]), places, plan)
 
 
+@pytest.mark.parametrize(
+    "name", ["mirror x", *(pytest.param(one, marks=pytest.mark.long) for one in ("mirror y", "rot180"))]
+)
+def test_patterns_show_how_frames_are_turned(scan: Scan, name: str) -> None:
+    plan = scan[0]
+    found = find_turned_frames(seen(*scan, name), plan)
+    assert found is not None and found.turns[0].name == name
+    assert found.residual < 0.2 and found.as_is > 2 * found.residual
+    assert ORIENTATIONS[name].words in found.words and ORIENTATIONS[name].option in found.options
+
+
 def test_patterns_show_the_orientation_of_a_known_camera(scan: Scan) -> None:
     plan, known = scan[0], scan[0].camera
     assert find_turned_frames(seen(*scan, "as is"), plan) is None
-    for name in ("mirror x", "mirror y", "rot180"):
-        found = find_turned_frames(seen(*scan, name), plan)
-        assert found is not None and found.turns[0].name == name
-        assert found.residual < 0.2 and found.as_is > 2 * found.residual
-        assert ORIENTATIONS[name].words in found.words and ORIENTATIONS[name].option in found.options
     patterns = seen(*scan, "mirror x")
     assumed = replace(known, marks=known.marks.marked(["lattice.offset_um"], "assumed"))
     other = replace(known, lattice=replace(known.lattice, pitch_um=known.lattice.pitch_um * 1.3))

@@ -311,6 +311,7 @@ def two_of_four_planes() -> tuple[Fit, np.ndarray]:
     return fit_camera(measured(LEVELS, noisy, there, (64.0, 1.0)), unknowns=["geometry"], workers=1), truth
 
 
+@pytest.mark.long
 def test_gains_of_planes_without_patterns_are_interpolated(two_of_four_planes: tuple[Fit, np.ndarray]) -> None:
     found, truth = two_of_four_planes
     H = np.asarray(found.model(workers=1))

@@ -411,7 +411,8 @@ def test_seidel_aberrations_of_the_summed_integral_are_found() -> None:
 # -- the law of the main lens -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("named", [False, pytest.param(True, marks=pytest.mark.long)], ids=["auto", "named groups"])
+@pytest.mark.long
+@pytest.mark.parametrize("named", [False, True], ids=["auto", "named groups"])
 def test_the_sigma_of_the_f_number_includes_the_unknown_lens_law(named: bool) -> None:
     """A thin lens looks like a lens by the sine condition whose iris is smaller by 1/(8 Nw²), many sigmas of noise."""
     plan = small_plan(21)

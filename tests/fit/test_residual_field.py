@@ -107,6 +107,7 @@ def test_noise_alone_leaves_the_model() -> None:
         assert left.kind.empty and not left.value.any() and not left.variance.any()
 
 
+@pytest.mark.long
 def test_a_drawn_field_is_found_with_its_size_and_uncertainty() -> None:
     """Drawn at random with known size; truth is the field, not what the estimator makes of it."""
     model = spots()

@@ -47,6 +47,11 @@ def good() -> Recalibration:
     return fitted(frame_of(PLAN, beads(PLAN, 1), 1))
 
 
+def made_up() -> Recalibration:
+    """Return a result that no fit has found."""
+    return Recalibration(described(PLAN), PLAN, {}, {"beads 1": Goodness(1.0, 3000.0)}, Contents(PLAN.depths_um))
+
+
 def shot_noise(light: np.ndarray, seed: int) -> NewFrame:
     """Return a frame with the noise of photons on an even dark field."""
     mean = 3000 * light / light.max() + 20
@@ -60,6 +65,7 @@ def error_of_h(setup: object, plan: ScanPlan = PLAN) -> float:
     return float(np.abs(found.values - true.values).sum() / true.values.sum())
 
 
+@pytest.mark.long
 def test_one_frame_of_beads_recalibrates_the_camera() -> None:
     before, after = error_of_h(described(PLAN)), error_of_h(good().setup)
     assert good().accepted and good().worst == pytest.approx(1, abs=0.04)
@@ -101,7 +107,7 @@ def test_free_depths_are_not_followed_where_the_frames_do_not_determine_them() -
 
 
 def test_combinations_that_are_not_determined_are_named() -> None:
-    found = replace(good(), undetermined=(("gap_um", "distance_um"), ("rotation_rad",)))
+    found = replace(made_up(), undetermined=(("gap_um", "distance_um"), ("rotation_rad",)))
     assert "these frames do not determine a common change of gap_um, distance_um" in found.notes[0]
     assert found.notes[1].startswith("these frames do not determine rotation_rad")
 
@@ -154,7 +160,7 @@ def test_results_that_cannot_be_trusted_are_not_accepted() -> None:
         (Goodness(0.5, 4000), "the residual is only 0.50 times as large as the stated noise"),
         (Goodness(1.0, 300), "too few pixels are valid"),
     ):
-        found = replace(good(), goodness={"frame": goodness})
+        found = replace(made_up(), goodness={"frame": goodness})
         assert not found.accepted and found.verdict == f"not recalibrated: {words}"
 
 
@@ -167,6 +173,15 @@ def test_saturated_pixels_are_left_out_and_named() -> None:
         found = fitted(clipped)
     assert any("left out as saturated" in one for one in notes)
     assert found.accepted and error_of_h(found.setup) < 0.015
+
+
+def test_saturated_pixels_are_not_valid() -> None:
+    frame, notes = frame_of(PLAN, beads(PLAN, 1), 1), list[str]()
+    clipped = replace(frame, values=np.minimum(frame.values, 800).astype(np.float32))
+    with notes_to(notes.append):
+        found = MODULE.whole_frame(clipped, "beads.tif", PLAN, None)
+    assert any("left out as saturated" in one for one in notes)
+    assert not found.valid[clipped.values == 800].any() and found.valid[clipped.values < 800].all()
 
 
 def test_frames_that_cannot_be_used_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

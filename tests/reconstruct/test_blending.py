@@ -111,8 +111,9 @@ def test_the_operator_is_its_definition(method: str, count: int) -> None:
     np.testing.assert_allclose(P.adjoint(image).ravel(), wanted.T @ image.ravel(), atol=1e-11)
 
 
-def test_the_adjoint_is_exact() -> None:
-    for count, tolerance in itertools.product((2, 3, 4), (0.0, 0.02)):
+@pytest.mark.parametrize("count", [3, *(pytest.param(n, marks=pytest.mark.long) for n in (2, 4))])
+def test_the_adjoint_is_exact(count: int) -> None:
+    for tolerance in (0.0, 0.02):
         P = FieldProjector(regions(count), SHAPE, dtype=np.float64, tolerance=tolerance)
         rng = np.random.default_rng(count)
         g, f = rng.standard_normal(P.volume_shape), rng.standard_normal(SHAPE)
@@ -120,21 +121,23 @@ def test_the_adjoint_is_exact() -> None:
         assert abs(ahead - back) < 1e-12 * float(np.abs(P.forward(np.abs(g))).sum() * np.abs(f).max())
 
 
-def test_of_one_region_it_is_that_regions_projector_to_the_last_bit() -> None:
+@pytest.mark.parametrize(
+    "method", ["direct", "reduced", *(pytest.param(m, marks=pytest.mark.long) for m in ("auto", "polyphase", "sparse"))]
+)
+def test_of_one_region_it_is_that_regions_projector_to_the_last_bit(method: str) -> None:
     (H,) = regions(1)
-    for method in ("auto", "direct", "polyphase", "sparse", "reduced"):
-        within = 0.05 if method == "reduced" else 0.0
-        one, field = (
-            kind(what, SHAPE, method=method, tolerance=within) for kind, what in ((Projector, H), (FieldProjector, [H]))
-        )
-        rng = np.random.default_rng(3)
-        g, f = rng.random(one.volume_shape).astype(np.float32), rng.random(SHAPE).astype(np.float32)
-        assert field.method == one.method
-        assert field.forward(g).tobytes() == one.forward(g).tobytes()
-        assert field.adjoint(f).tobytes() == one.adjoint(f).tobytes()
-        phases = np.zeros(one.period, bool)
-        phases[1::2] = True
-        assert field.subset(phases).adjoint(f).tobytes() == one.subset(phases).adjoint(f).tobytes()
+    within = 0.05 if method == "reduced" else 0.0
+    one, field = (
+        kind(what, SHAPE, method=method, tolerance=within) for kind, what in ((Projector, H), (FieldProjector, [H]))
+    )
+    rng = np.random.default_rng(3)
+    g, f = rng.random(one.volume_shape).astype(np.float32), rng.random(SHAPE).astype(np.float32)
+    assert field.method == one.method
+    assert field.forward(g).tobytes() == one.forward(g).tobytes()
+    assert field.adjoint(f).tobytes() == one.adjoint(f).tobytes()
+    phases = np.zeros(one.period, bool)
+    phases[1::2] = True
+    assert field.subset(phases).adjoint(f).tobytes() == one.subset(phases).adjoint(f).tobytes()
 
 
 def test_equal_regions_are_like_one() -> None:
@@ -290,6 +293,7 @@ def test_a_field_is_modelled_better_than_by_any_single_region() -> None:
     assert off["field"] < 0.7 * min(error for name, error in off.items() if name != "field"), off
 
 
+@pytest.mark.long
 def test_h_between_the_regions_of_a_camera_is_accurate() -> None:
     """Coma that grows with the field and astigmatism with its square, simulated; points where no H was taken."""
     bench = camera()
@@ -317,7 +321,9 @@ def test_h_between_the_regions_of_a_camera_is_accurate() -> None:
     assert found[0] < 0.03 and found[0] < 0.35 * found[1:].min(), found
 
 
-@pytest.mark.parametrize("solver", ["sieve", "osem", "phase-space", "rl-biggs"])
+@pytest.mark.parametrize(
+    "solver", ["sieve", "rl-biggs", *(pytest.param(s, marks=pytest.mark.long) for s in ("osem", "phase-space"))]
+)
 def test_every_kind_of_solver_works_with_regions(solver: str) -> None:
     matrices = [PSFMatrix(seen_at(at), anchor=(0, 20 * at)) for at in (0.0, 1.0)]
     P = FieldProjector(matrices, (20, 31), dtype=np.float64)

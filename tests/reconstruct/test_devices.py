@@ -73,7 +73,7 @@ def test_pair_is_the_dense_matrix_and_its_transpose(name, method, library):
 @pytest.mark.few(4)
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.parametrize("signed", [False, True])
-@pytest.mark.parametrize("image", [(21, 14), (40, 33)])
+@pytest.mark.parametrize("image", [(21, 14), pytest.param((40, 33), marks=pytest.mark.long)])
 def test_reduced_projections_are_those_of_the_processor(image, signed, library):
     H, rng = slow_psf(signed=signed), np.random.default_rng(0)
     here, there = pair(H, image, "reduced", library, tolerance=0.05, anchor=(-4, 3))
@@ -166,7 +166,7 @@ def test_a_solver_ends_at_the_same_volume():
 
 # -- memory ------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("method", ON_DEVICES)
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 def test_planes_are_kept_on_the_device_or_transferred_or_prepared_again(method, monkeypatch):
     with_rates(monkeypatch, 1e10, 1e10, 1e9)
     H = np.tile(lenslet_psf(2, 7, 31).astype(np.float32), (12, 1, 1, 1, 1))

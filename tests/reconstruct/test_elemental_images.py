@@ -49,6 +49,7 @@ def test_the_projection_is_the_convolution_with_each_plane_and_its_transpose_is_
     assert np.abs(image - truth).max() < 1e-5 * truth.max()
 
 
+@pytest.mark.long
 def test_a_noise_free_matrix_has_no_fault_with_or_without_its_camera(H):
     report, bare = inspect(H), PSFMatrix(np.stack([H.plane(z) for z in range(5)]), depths=list(DEPTHS))
     for one in (report, inspect(bare)):

@@ -126,6 +126,7 @@ def shares(found: list[np.ndarray]) -> np.ndarray:
     return 100 * np.mean([one.mean(0) for one in found], axis=0)
 
 
+@pytest.mark.long
 def test_intervals_contain_the_truth(P: Projector) -> None:
     found = [covered(P, kind, 1, 2000) for kind in KINDS]
     voxels, sums = (shares([pair[k] for pair in found]) for k in range(2))
@@ -133,6 +134,7 @@ def test_intervals_contain_the_truth(P: Projector) -> None:
     assert abs(sums[0] - 68) < 20 and sums[1] > 85, sums
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("gain", "background"), [(1.0, 10.0), (2.5, 4.0)])
 def test_unknown_noise_is_estimated_from_the_frame(P: Projector, gain: float, background: float) -> None:
@@ -149,6 +151,7 @@ def test_unknown_noise_is_estimated_from_the_frame(P: Projector, gain: float, ba
     assert np.median(unknown.sigma / known.sigma) == pytest.approx(1, abs=0.15)
 
 
+@pytest.mark.long
 def test_the_division_of_light_between_equal_planes_is_uncertain(P: Projector) -> None:
     """How the light is divided between two equal planes of H cannot be known, but their sum can."""
     plane = np.asarray(P._reader.H[:1])
@@ -166,6 +169,7 @@ def test_the_division_of_light_between_equal_planes_is_uncertain(P: Projector) -
     assert both.regions[0].sigma < 0.5 * min(one.sigma for one in bars.regions)
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["plume", "shell", "texture"])
 def test_bars_include_the_noise_of_a_recorded_matrix(P: Projector, kind: str) -> None:
@@ -188,6 +192,20 @@ def test_bars_include_the_noise_of_a_recorded_matrix(P: Projector, kind: str) ->
     error = region.total * scale - truth[:, 25:52, 25:52].sum()
     assert abs(error) > 5 * region.noise * scale
     assert abs(error) < 3 * region.sigma * scale, (error, region)
+
+
+def test_sums_have_a_part_due_to_the_noise_of_a_recorded_matrix() -> None:
+    rng = np.random.default_rng(2)
+    values = 40 + 10 * rng.random((2, 3, 3, 5, 5))
+    facts = Facts.of(values.shape[:3], values.shape[3:], noise=np.tile([4.0, 0.5], (*values.shape[:3], 1)))
+    parts = []
+    for H in (PSFMatrix(values, facts=facts), PSFMatrix(values)):
+        P = Projector(H, (30, 32), workers=1)
+        frame = np.random.default_rng(3).poisson(P.forward(np.ones(P.volume_shape)))
+        settings = BootstrapSettings(replicates=3)
+        bars = error_bars(P, frame, SolverChoice("rl", iterations=4, gain=1), settings, labels=np.ones((30, 32), int))
+        parts.append(bars.regions[0].h)
+    assert parts[0] > 0 == parts[1]
 
 
 def test_margins_and_missing_pixels_are_handled(P: Projector) -> None:

@@ -143,18 +143,21 @@ def lines_of(P: Projector, seed: int, peak: float) -> np.ndarray:
     return pulls(fit_features(P, frame, starts, CHOICE), true * [scale, 1, 1, 1, 1, 1, 1], LINE)
 
 
+@pytest.mark.long
 def test_beads_between_planes(P: Projector, between: Projector) -> None:
     found = beads_of(P, between, 1, 2000, over=False)
     assert np.isfinite(found).all() and np.abs(found).max() < 4, found
     assert 0.4 < np.sqrt(np.mean(found**2)) < 1.6, found
 
 
+@pytest.mark.long
 def test_bright_beads_over_haze_have_uncertainties(P: Projector, between: Projector) -> None:
     """The noise of the reconstructed haze was taken for a misfit of the beads."""
     found = beads_of(P, between, 1, 20000, over=True)
     assert np.isfinite(found).all() and np.abs(found).max() < 4, found
 
 
+@pytest.mark.long
 def test_the_rest_has_uncertainties_also_around_the_features(P: Projector, between: Projector) -> None:
     frame, true, starts, haze = beads_over(P, between, 2, 2000, over=True)
     bars = fit_features(P, frame, starts, CHOICE, replicates=5).bars
@@ -169,6 +172,7 @@ def test_the_rest_has_uncertainties_also_around_the_features(P: Projector, betwe
         assert 0.55 < shares[0] < 0.9 and shares[1] > 0.85, shares
 
 
+@pytest.mark.long
 def test_lines_with_their_widths_and_ends(P: Projector) -> None:
     found = lines_of(P, 1, 2000)
     assert np.isfinite(found).all() and np.abs(found).max() < 4, found
@@ -180,6 +184,7 @@ def one_bead(P: Projector, light: float, width: float = 1.0) -> np.ndarray:
     return np.asarray(P.forward(spots(np.array([[light, 37.4, 39.8, 2]]), 5, width)) + 10.0, np.float64)
 
 
+@pytest.mark.long
 def test_a_model_that_the_frame_contradicts_has_no_uncertainty(P: Projector) -> None:
     """A bead of twice the stated width is found out, and fits if its width is fitted."""
     rng = np.random.default_rng(1)
@@ -203,6 +208,7 @@ def test_a_bead_beyond_the_planes_has_no_uncertainty(P: Projector) -> None:
     assert abs(one.feature.plane) < 4 * one.sigmas["plane"] < 0.5
 
 
+@pytest.mark.long
 def test_uncertainties_fall_with_the_light(P: Projector) -> None:
     """Without other light, positions are limited by photon noise: 100 times the light, a tenth of the sigma."""
     rng = np.random.default_rng(1)
@@ -233,6 +239,7 @@ def test_beads_are_found(P: Projector) -> None:
         fit_features(P, 100 * P.forward(smooth / P.forward(smooth).max()) + 10, None, CHOICE)
 
 
+@pytest.mark.long
 def test_errors_of_h_are_included(P: Projector) -> None:
     """With an H whose scale is uncertain by 5 %, the brightness is uncertain by 5 %, and positions are not."""
     frame = np.random.default_rng(1).poisson(one_bead(P, 4e6))
@@ -250,6 +257,7 @@ def test_errors_of_h_are_included(P: Projector) -> None:
     assert uncertain.sigmas["row"] == pytest.approx(exact.sigmas["row"], rel=0.2)
 
 
+@pytest.mark.long
 def test_noise_of_a_recorded_matrix_is_included(P: Projector) -> None:
     """A bright bead is limited by the noise of H: its position is wrong by more than the noise of the frame."""
     rng = np.random.default_rng(5)
@@ -268,6 +276,7 @@ def test_noise_of_a_recorded_matrix_is_included(P: Projector) -> None:
         assert abs(getattr(noisy.feature, name) - true) < 4 * noisy.sigmas[name]
 
 
+@pytest.mark.long
 def test_margin_and_missing_pixels(P: Projector) -> None:
     """Positions are those in the frame with any margin, and pixels without a value are left out."""
     frame = np.random.default_rng(1).poisson(one_bead(P, 1e6)).astype(float)

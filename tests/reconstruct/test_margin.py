@@ -149,7 +149,13 @@ STORED = Stored(8, 5, 15)
 LARGE_SHAPE = (330, 310)
 
 
-@pytest.mark.parametrize("name", [solver.name for solver in SOLVERS])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(solver.name, marks=pytest.mark.long if solver.name in ("osem", "phase-space") else ())
+        for solver in SOLVERS
+    ],
+)
 @pytest.mark.parametrize("method", ["polyphase", "direct", "sparse", "reduced"])
 @pytest.mark.few(4)
 def test_the_forecast_memory_is_used(name, method):

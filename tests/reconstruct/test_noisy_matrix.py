@@ -151,19 +151,32 @@ def test_a_denoised_projector_is_that_of_the_denoised_matrix(exact, kind, method
 
 
 # -- the noise of the model ----------------------------------------------------------------------------------
-def test_variance_of_the_model_is_that_of_many_recordings():
-    """Against plain algebra and drawn matrices: each entry's variance times the square of what it multiplies."""
+INNER = (slice(2, -2), slice(2, -2))
+
+
+def noisy_model():
+    """Return a random generator, an H that states its noise, a volume, and the variance of its image."""
     rng = np.random.default_rng(0)
     values = 50 * rng.random((2, 3, 3, 5, 5)) ** 3
     P = Projector(noted(values, (4.0, 0.5)), (16, 17), dtype=np.float64)
     volume = rng.random(P.volume_shape) ** 4
     noise = ModelNoise(P, Sieve((0.0, 0.0)), np.array([[4.0, 0.5], [4.0, 0.5]]))
+    return rng, values, volume, noise.variance(volume)
+
+
+def test_variance_of_the_model_is_that_of_plain_algebra():
+    """Each entry's variance times the square of what it multiplies."""
+    _, values, volume, variance = noisy_model()
     spread = dense(4.0 + 0.5 * values, (16, 17), (5, 5)) @ volume.ravel() ** 2
-    inner = (slice(2, -2), slice(2, -2))
-    np.testing.assert_allclose(noise.variance(volume)[inner], spread.reshape(16, 17)[inner], rtol=1e-6)
+    np.testing.assert_allclose(variance[INNER], spread.reshape(16, 17)[INNER], rtol=1e-6)
+
+
+@pytest.mark.long
+def test_variance_of_the_model_is_that_of_many_recordings():
+    rng, values, volume, variance = noisy_model()
     drawn = [values + np.sqrt(4.0 + 0.5 * values) * rng.standard_normal(values.shape) for _ in range(300)]
     images = [Projector(one, (16, 17), (5, 5)).forward(volume) for one in drawn]
-    assert np.var(images, axis=0)[inner].mean() == pytest.approx(noise.variance(volume)[inner].mean(), rel=0.03)
+    assert np.var(images, axis=0)[INNER].mean() == pytest.approx(variance[INNER].mean(), rel=0.03)
 
 
 @pytest.mark.few(2)

@@ -63,6 +63,7 @@ def test_a_sieve_is_its_own_transpose():
     assert (seen.sum(1) * rows**2).sum() == pytest.approx(2.5**2, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_sieve_is_wide_only_in_coarse_planes(microscope):
     P = Projector(microscope, (60, 60))
     sigmas = sieve_of(P).sigmas
@@ -271,6 +272,7 @@ def width(profile: np.ndarray) -> float:
     return last - first
 
 
+@pytest.mark.long
 def test_no_lenslets_and_no_rings_in_the_native_plane(microscope):
     """A smooth cloud in another plane, seen through a slightly wrong H: rl draws lenslets in the native plane."""
     shape, period = (165, 165), microscope.period[0]

@@ -96,6 +96,7 @@ def test_a_frame_is_measured_once(monkeypatch, noisy):
         assert len(made) == most and any("non-finite" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_a_method_that_follows_the_noise_is_stopped(noisy):
     P, truth, image = noisy
     long = reconstruct(P, image, SolverChoice("phase-space", 60, 2.0))
@@ -218,7 +219,7 @@ def test_the_misfit_of_noise_alone_is_one():
     assert misfit(np.zeros_like(photons), Measurement(np.zeros_like(photons), None, 0.0), 0, 1) == 0
 
 
-@pytest.mark.parametrize("name", ["rl", "sieve", "phase-space"])
+@pytest.mark.parametrize("name", ["rl", "sieve", pytest.param("phase-space", marks=pytest.mark.long)])
 @pytest.mark.parametrize("margin", [0, 8])
 @pytest.mark.few(2)
 def test_runs_stop_once_the_residual_reaches_the_noise(noisy, name, margin):
@@ -250,7 +251,7 @@ def test_a_residual_that_never_reaches_the_noise_is_reported(noisy):
     assert any("times the noise; check the gain and the read noise, or H" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("margin", [0, 8])
+@pytest.mark.parametrize("margin", [0, pytest.param(8, marks=pytest.mark.long)])
 def test_a_result_has_chi2_per_pixel_if_the_noise_is_known(noisy, margin):
     P, _, image = noisy
     wide = with_margin(P, margin)
