@@ -121,6 +121,7 @@ def bench_plan(tmp_path: Path) -> ScanPlan:
     return plan
 
 
+@pytest.mark.long
 def test_by_default_the_simulator_records_the_camera_of_the_plan(
     tmp_path: Path, bench_plan: ScanPlan, lfcal: Lfcal
 ) -> None:
@@ -238,10 +239,19 @@ def test_suspect_positions_are_named_listed_in_h_and_recorded_again(
     assert inspect(drain(iter_assemble_session(out, settings=settings)).matrix)["suspect"].merit == "unknown"
 
 
-def test_what_a_file_states_of_suspects_is_checked() -> None:
+OTHER_STATEMENTS = ("text", [1], [[0, 0]], {"a": 1}, None)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        *([["z", 0, 0, "x"]], [[9, 0, 0, "x"]]),
+        *(pytest.param(said, marks=pytest.mark.long) for said in OTHER_STATEMENTS),
+    ],
+)
+def test_what_a_file_states_of_suspects_is_checked(said: Any) -> None:
     values = np.random.default_rng(1).random((1, 3, 3, 9, 9), np.float32)
-    for said in ("text", [1], [["z", 0, 0, "x"]], [[9, 0, 0, "x"]], [[0, 0]], {"a": 1}, None):
-        assert inspect(PSFMatrix(values, provenance={"suspect": said}))["suspect"].merit == "unknown", said
+    assert inspect(PSFMatrix(values, provenance={"suspect": said}))["suspect"].merit == "unknown"
 
 
 def acknowledged(folder: Path) -> int:
@@ -252,9 +262,9 @@ def acknowledged(folder: Path) -> int:
         return int(recording.taken.sum())
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="interrupted by a signal")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_ctrl_c_stops_in_order_and_the_session_resumes(tmp_path: Path, lfcal: Lfcal, name: str) -> None:
     plan, out = small_plan((10, 20), 1), tmp_path / "session"
     (tmp_path / "plan.json").write_text(plan.to_json())

@@ -223,8 +223,9 @@ def test_a_clock_that_is_set_back_between_runs_changes_only_the_dates(
 CRASHED = small_plan((16, 20), 3, cutout=(65, 65), shape=(110, 110))
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no kill -9 on this platform")
-@pytest.mark.parametrize("kills", [1, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("kills", [1, 3])
 def test_killed_and_resumed_equals_undisturbed(tmp_path: Path, kills: int) -> None:
     undisturbed(tmp_path / "calm", CRASHED)
     tally = kill_and_resume(tmp_path / "killed", CRASHED, kills, random.Random(3), 0.12)

@@ -146,8 +146,10 @@ CLEAN: dict[str, tuple[ScanPlan, Rig, dict[str, Any]]] = {
 }
 
 
-@pytest.mark.few(5)
-@pytest.mark.parametrize("name", CLEAN)
+@pytest.mark.few(3)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=pytest.mark.long) if one == "no noise" else one for one in CLEAN]
+)
 def test_a_good_session_raises_nothing(tmp_path: Path, name: str) -> None:
     plan, rig, options = CLEAN[name]
     assert record(tmp_path, plan, rig, replace(CAREFUL, **options)).how == "complete"

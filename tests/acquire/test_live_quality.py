@@ -205,7 +205,7 @@ def heated(rig: Any, pixels: list[tuple[int, int]], after: int) -> None:
     intercept(rig, "camera", "grab", hot)
 
 
-@pytest.mark.parametrize("reference_every", [0, 25])
+@pytest.mark.parametrize("reference_every", [0, pytest.param(25, marks=pytest.mark.long)])
 def test_hot_pixels_raise_no_alarm_of_the_lamp(tmp_path: Path, reference_every: int) -> None:
     """Hot pixels in the dark frames, which are subtracted, are in some cutouts and not in others."""
     rig = rig_for(PLAN)

@@ -646,7 +646,7 @@ def test_settings_of_a_crafted_session_are_refused(tmp_path: Path) -> None:
             SessionFile.read(tmp_path)
 
 
-@pytest.mark.parametrize("regions", [False, True])
+@pytest.mark.parametrize("regions", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_acquire_refuses_and_records_with_permission(tmp_path: Path, lfcal: Callable[..., Run], regions: bool) -> None:
     plan, out = tmp_path / "plan.json", tmp_path / "s"
     two = RegionPlan(ONE, ("a", "b"), (ONE.anchor, (30.0, 30.0)))

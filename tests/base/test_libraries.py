@@ -25,7 +25,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("content", BROKEN.values(), ids=BROKEN)
 def test_a_broken_module_gives_one_line_with_the_remedy(tmp_path: Path, content: str) -> None:
     (tmp_path / "cv2").mkdir()

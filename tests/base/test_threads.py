@@ -160,6 +160,7 @@ print(json.dumps([counts, [found["num_threads"] for found in threadpool_info()]]
 """
 
 
+@pytest.mark.long
 def test_libraries_that_are_loaded_between_are_held_too() -> None:
     environment = {k: v for k, v in os.environ.items() if k != WORKERS} | {"OPENBLAS_NUM_THREADS": "2"}
     done = subprocess.run([sys.executable, "-c", LATER], env=environment, capture_output=True, text=True, check=True)

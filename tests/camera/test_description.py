@@ -33,6 +33,7 @@ from tests.camera.strategies import cameras
 QUICK = settings(derandomize=True, deadline=None, max_examples=20)
 
 
+@pytest.mark.long
 @given(cameras)
 @QUICK
 def test_json_gives_the_camera_back(camera: Camera) -> None:

@@ -106,6 +106,7 @@ def nearest_lenslet_um(lattice: LensletLattice, places: np.ndarray) -> np.ndarra
     return np.hypot(*(places[:, None] - centres[None]).transpose(2, 0, 1)).min(1)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("shear", [0.0, 0.15])
 def test_lenslets_cover_what_lies_nearer_than_their_radius(kind: str, shear: float) -> None:

@@ -108,7 +108,7 @@ def test_depths_of_micro_images(name: str) -> None:
     check(found, drawn, edges=name in ("step", "ball"))
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", VIEWS)
 def test_depths_of_views(name: str) -> None:
     kind, surface, how = VIEWS[name]
@@ -146,6 +146,7 @@ def test_the_method_follows_from_the_frame(flat: Drawn) -> None:
     assert depth_map(other.frame, lattice((440, 440), 13.0, "square"), white=other.white).method == "views"
 
 
+@pytest.mark.long
 def test_without_a_white_frame(flat: Drawn) -> None:
     check(depth_map(flat.frame, lattice(SHAPE, 24.0), slopes=(1.5, 12.0)), flat)
     other = drawn_views("square", plane(-0.5, 0.4, 0.4), noise=0.01)
@@ -330,7 +331,7 @@ def errors_of_map(found: DepthMap, camera: Camera, surface: Surface) -> tuple[ND
     return off, off / found.disparity_sigma[found.known]
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", SURFACES)
 def test_depths_of_elemental_images(white: NDArray[np.float64], name: str) -> None:
     at = instrument()
@@ -343,6 +344,7 @@ def test_depths_of_elemental_images(white: NDArray[np.float64], name: str) -> No
     assert found.confidence[found.known].mean() > 0.9
 
 
+@pytest.mark.long
 def test_three_lenslets_none_of_them_on_the_axis() -> None:
     """The map shows the lenslet nearest to the axis, whose image moves with the depth: the positions follow it."""
     at = instrument(((-1000.0, 0.0), *RING[1:6:2]), focal=58e3)
@@ -381,6 +383,7 @@ def test_a_part_of_the_sensor_nan_and_masks(white: NDArray[np.float64]) -> None:
     assert not (np.isin(rows, range(192, 198)) & np.isin(columns, range(182, 188))).any()
 
 
+@pytest.mark.long
 def test_bands_and_threads_do_not_change_an_elemental_map(
     white: NDArray[np.float64], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -253,6 +253,7 @@ def test_a_checkerboard_is_no_white_image(side: float, turn: float, blur: float)
         fit_lattice(checkerboard(side, turn, blur))
 
 
+@pytest.mark.long
 def test_micro_images_of_any_size_are_no_checkerboard() -> None:
     for fill in (0.5, 1.0):
         assert fit_lattice(draw_white((200, 220), kind="square", fill=fill).frame).kind == "square"

@@ -155,6 +155,7 @@ def test_the_smooth_frame_can_be_used_as_white_frame() -> None:
     assert np.nanstd(even.light) / np.nanmean(even.light) < 0.01
 
 
+@pytest.mark.long
 def test_a_few_lenslets_lower_the_degree_of_the_surface() -> None:
     fit = fit_lattice(draw_white((110, 110), pitch=17.0, dead=0.0).frame)
     fall = vignetting_map(fit, degree=6)

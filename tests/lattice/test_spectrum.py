@@ -93,7 +93,7 @@ def unequal(share: Callable[[Any, Any], Any], kind: str = "square", **more: floa
     return draw_white((300, 340), pitch=16.4, kind=kind, fill=0.85, dead=0.0, dark=0.0, share=share, **more)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("dim", [0.3, 0.5, 0.6, 0.7, 0.85])
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("bright", UNEQUAL)

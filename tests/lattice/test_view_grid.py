@@ -14,7 +14,7 @@ from lfcal.lattice import extract_views, refocus, sample_views, view_grid
 from lfcal.multiplex import lattice_channels
 from tests.lattice.lattices import Bent, Straight
 
-ANGLES = (0.0, 0.25, 1.0, 7.0, 30.0, 45.0, -12.0, 90.0)
+ANGLES, SLOW_ANGLES = (0.0, 0.25, 1.0, 7.0, 30.0, 45.0, 90.0), (-12.0,)
 SHAPE, MARGIN = (131, 158), 5.0
 ORIGINS = {"central": (63.2, 81.7), "cropped": (-40.3, 260.9)}
 KINDS = ("square", "hexagonal")
@@ -136,9 +136,9 @@ def between(pixels: list[list[float]], y: float, x: float) -> float:
     return (i + 1 - y) * ((j + 1 - x) * a + (x - j) * b) + (y - i) * ((j + 1 - x) * c + (x - j) * d)
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("where", ORIGINS)
-@pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("degrees", [*ANGLES, *(pytest.param(angle, marks=pytest.mark.long) for angle in SLOW_ANGLES)])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("axes", ["frame", "lattice"])
 def test_views_are_those_of_a_plain_loop(kind: str, degrees: float, where: str, axes: str) -> None:
@@ -236,7 +236,7 @@ def test_a_bent_lattice_is_followed(kind: str) -> None:
         assert off.max() < 0.05
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [pytest.param("square", marks=pytest.mark.long), "hexagonal"])
 def test_super_pixels_are_cut_by_the_same_extractor(kind: str) -> None:
     frame = np.random.default_rng(3).random(SHAPE).astype(np.float32)
     for degrees, axes in itertools.product((0.0, 7.0, -12.0), ("lattice", "frame")):

@@ -230,7 +230,8 @@ def camera_of(kind: str, turn: float = 0.013) -> Camera:
     return Camera("c", MainLens(), lattice, Sensor((330, 400), 5.0))
 
 
-@pytest.mark.parametrize("kind", [pytest.param("square", marks=pytest.mark.long), "hexagonal"])
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
 def test_a_described_camera_gives_what_its_white_image_gives(kind: str) -> None:
     truth = draw_white((330, 400), pitch=16.4, kind=kind, rotation=0.013, dead=0.0, snr=200.0, falloff=0.0)
     fit = fit_lattice(truth.frame)

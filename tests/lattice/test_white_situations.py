@@ -142,7 +142,7 @@ LIT = {
 }
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("dark", [0.0, 64.0])
 @pytest.mark.parametrize("kind", ["hexagonal", "square"])
 @pytest.mark.parametrize("part", LIT)
@@ -205,8 +205,10 @@ REPORTED: dict[str, tuple[str, float, float, Callable[[Array], Any]]] = {
 """Kind, pitch (px), rotation (degrees) and what draws the white image, after public reports or common practice."""
 
 
-@pytest.mark.few(6)
-@pytest.mark.parametrize("name", REPORTED)
+@pytest.mark.parametrize(
+    "name",
+    [name if "JPEG" in name else pytest.param(name, marks=pytest.mark.long) for name in REPORTED],
+)
 def test_white_images_after_public_reports(name: str) -> None:
     kind, pitch, degrees, draw = REPORTED[name]
     places = places_of(kind, pitch, degrees=degrees)
@@ -215,7 +217,7 @@ def test_white_images_after_public_reports(name: str) -> None:
     assert worst(fit, places) < 0.05 and found_share(fit, places) > 0.99
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("obstruction", [0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
 @pytest.mark.parametrize("fill", [0.8, 0.9])
 @pytest.mark.parametrize("kind", ["hexagonal", "square"])
@@ -228,7 +230,7 @@ def test_the_dark_middle_of_rings_is_no_gap(kind: str, fill: float, obstruction:
     assert worst(fit, places) < 0.05 and found_share(fit, places) == 1.0
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("obstruction", [0.2, 0.3, 0.4, 0.6, 0.7, 0.8])
 @pytest.mark.parametrize(("kind", "ratio"), [("hexagonal", 1.0), ("square", 1.0), ("square", 1.3)])
 def test_rings_that_touch_are_fitted_or_refused(kind: str, ratio: float, obstruction: float) -> None:
@@ -242,7 +244,7 @@ def test_rings_that_touch_are_fitted_or_refused(kind: str, ratio: float, obstruc
         assert fit.kind == kind and worst(fit, places) < 0.05
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["hexagonal", "square"])
 @pytest.mark.parametrize("radius", [9.0, 10.0, 11.0, 11.5, 12.0, 13.0])
 def test_overlapping_discs_are_refused(kind: str, radius: float) -> None:
@@ -252,6 +254,7 @@ def test_overlapping_discs_are_refused(kind: str, radius: float) -> None:
         fit_lattice(frame)
 
 
+@pytest.mark.long
 def test_a_fine_lattice_is_written_and_read_and_a_finer_one_is_refused(tmp_path: Any) -> None:
     """Rows of a hexagonal array of 4.4 px are 3.8 px apart."""
     fit = fit_lattice(drawn(places_of("hexagonal", 4.4), *spot(1.1)))
@@ -280,7 +283,7 @@ def situation(seed: int) -> tuple[NDArray[np.uint16], Array, str, float, float]:
     return frame, places[share > 0], kind, pitch, ratio
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(60))
 def test_random_situations(seed: int) -> None:
     frame, places, kind, pitch, ratio = situation(seed)
@@ -296,7 +299,8 @@ DRAWN = (300, 380)
 
 
 @pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not on this machine")
-@pytest.mark.parametrize("dark", [True, pytest.param(False, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("dark", [True, False])
 def test_a_real_specimen_is_refused_and_the_real_white_image_has_no_warnings(dark: bool) -> None:
     from lfcal.frames import read_image
 
@@ -317,7 +321,7 @@ WHITE: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("name", WHITE)
 def test_white_images_of_many_kinds_have_no_warnings(name: str) -> None:
     truth = draw_white(DRAWN, dark=0.0, **WHITE[name])
@@ -340,7 +344,7 @@ def half(x: Any, y: Any) -> Any:
     return (x > 0.02).astype(float)
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("light", "kind", "seed"),
     [

@@ -66,7 +66,7 @@ def test_rotation_is_that_of_a_vertex_and_follows_the_image():
     assert abs((mirrored.rotation_rad - truth.rotation_rad + step / 2) % step - step / 2) > math.radians(3)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("blades", "curvature", "snr"), [(5, 0.0, 1.0), (9, 0.0, 1.0), (7, 0.3, 2.0), (9, 0.6, 2.0), (10, 0.6, 5.0)]
 )
@@ -94,7 +94,7 @@ def test_vignetting_and_ellipticity_are_measured():
     assert abs(found.ellipse_axis_rad) % math.pi == pytest.approx(math.pi / 2, abs=0.15)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("snr", [5, 20, 100])
 def test_a_circle_is_recognised_as_round(snr):
     image, truth = synthetic(16, 1.0, 6, side=151, disturbance=Disturbance(1 / snr))
@@ -122,7 +122,7 @@ def test_ripple_on_a_round_stop_makes_no_blades(pattern, pitch, ripple):
         assert found.ripple == pytest.approx(0.5 * ripple, rel=0.3)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("pattern", ["square", "hexagonal", "random"])
 def test_ripple_hides_no_blades(pattern):
     image, _ = synthetic(9, 0.3, 12, side=187, disturbance=Disturbance(0.005, ripple=0.08, pattern=pattern))
@@ -166,12 +166,10 @@ def test_something_dark_inside_is_an_obstruction():
     assert found.obstruction.share == pytest.approx(math.pi * (0.2 * truth.apothem_px) ** 2 / truth.area_px2, rel=0.3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("blades", "curvature", "central", "noise"),
-    [
-        (6, 0.0, 0.35, 0.1),
-        *(pytest.param(*one, marks=pytest.mark.long) for one in ((9, 1.0, 0.35, 0.01), (8, 0.0, 0.7, 0.05))),
-    ],
+    [(6, 0.0, 0.35, 0.1), (9, 1.0, 0.35, 0.01), (8, 0.0, 0.7, 0.05)],
 )
 def test_an_annular_stop_is_named_with_its_size(blades, curvature, central, noise):
     fault = IrisFault(central=central)
@@ -185,6 +183,7 @@ def test_an_annular_stop_is_named_with_its_size(blades, curvature, central, nois
     assert f"central obstruction of {percent} % of the diameter" in found.describe()
 
 
+@pytest.mark.long
 def test_a_central_obstruction_is_named_where_the_shape_is_unclear():
     image, _ = depth_sum_of(151, 9, 1.0, Disturbance(0.3), np.random.default_rng(3), fault=IrisFault(central=0.4))
     found = fit_aperture(image)
@@ -479,6 +478,7 @@ def test_planes_that_are_each_unclear_state_no_iris():
     assert joint_iris([*planes(6, 0.0, 0.05, [False]), seen[1]], [False, True]).blades == 6
 
 
+@pytest.mark.long
 def test_a_side_taken_for_the_other_contradicts():
     sides = [False, True, False, True]
     seen = planes(9, 0.0, 0.05, sides)

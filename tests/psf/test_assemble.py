@@ -282,6 +282,7 @@ def picked_frames(count: int = 12) -> np.ndarray:
 PLACES = [(z, y, x) for z in range(2) for y in range(2) for x in range(3)]
 
 
+@pytest.mark.long
 def test_patterns_are_those_of_assembly() -> None:
     source = ArraySource(picked_frames(), PLACES)
     H = assemble_plan(source, PLAN).matrix

@@ -231,6 +231,7 @@ pattern = @(H, y, x, z) double(H(:, :, y, x, z));""",
 
 
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+@pytest.mark.few(1)
 @pytest.mark.parametrize("layout", IN_OCTAVE)
 def test_octave_finds_a_point_with_the_file_of_a_code(tmp_path: Path, layout: str) -> None:
     code, _, sparse = layout.partition(", ")

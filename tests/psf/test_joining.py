@@ -261,6 +261,7 @@ def test_regions_are_written_with_progress_and_can_be_cancelled(tmp_path: Path) 
             np.testing.assert_array_equal(H[:], matrix[:])
 
 
+@pytest.mark.long
 def test_regions_of_any_source(tmp_path: Path) -> None:
     H = PSFMatrix(np.ones(MADE), depths=(1.0, 2.0, 4.0))
     sources: dict[str, tuple[PlaneSource, Stored]] = {

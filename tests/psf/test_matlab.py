@@ -176,7 +176,7 @@ def square_camera(n: int, pixels: int, offset_px: tuple[float, float] = (0.0, 0.
     return replace(camera, lattice=lattice, sensor=replace(camera.sensor, shape=(pixels, pixels)))
 
 
-@pytest.mark.parametrize(("n", "rows_first"), [(3, True), (5, False)])
+@pytest.mark.parametrize(("n", "rows_first"), [pytest.param(3, True, marks=pytest.mark.long), (5, False)])
 def test_the_reader_projects_as_the_world_does(tmp_path: Path, n: int, rows_first: bool) -> None:
     """An image rectified by the reader has a lens on pixel ceil(n/2) of each period; H from any anchor must fit it."""
     light = np.array([[0.0, 1.0, 0.5], [2.0, 4.0, 1.0], [0.25, 0.5, 3.0]])

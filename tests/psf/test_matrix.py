@@ -61,6 +61,7 @@ def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[PSFMatrix
 
 
 NAMES = ["array", "npy", "file", "scaled", "array.T", "npy.T", "file.T", "scaled.T"]
+FEW_NAMES = [name if name in ("file", "scaled.T") else pytest.param(name, marks=pytest.mark.long) for name in NAMES]
 
 
 def indices() -> st.SearchStrategy[Any]:
@@ -79,7 +80,7 @@ def _with_ellipsis(drawn: tuple[tuple[Any, ...], int, bool, int]) -> Any:
     return (*head, Ellipsis, *tail)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FEW_NAMES)
 @given(key=indices())
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_slicing_is_numpys(name: str, key: Any, kinds: dict[str, tuple[PSFMatrix, np.ndarray]]) -> None:
@@ -151,12 +152,20 @@ def test_only_what_is_used_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         patch.setattr(chunk_codec, "parallel_read", lambda *_: pytest.fail("a whole plane was read"))
         np.testing.assert_array_equal(H[2, 3, 4], random_matrix()[2, 3, 4])
         np.testing.assert_allclose(H.depth_sum(1), random_matrix()[1].sum((0, 1), dtype=float), rtol=1e-7)
-        patch.setattr(type(H.planes), "plane", lambda *_: pytest.fail("a whole plane was read"))
-        found = H.to_xarray()[2, 1, 3, 2:4]
-        np.testing.assert_array_equal(found.values, random_matrix()[2, 1, 3, 2:4])
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match="xarray is not installed; run: pip install"):
         PSFMatrix(random_matrix()).to_xarray()
+
+
+# loading xarray takes longer than all other tests of this module
+@pytest.mark.long
+def test_the_array_of_xarray_reads_only_what_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
+    with open_psf(tmp_path / "H.h5") as H, monkeypatch.context() as patch:
+        patch.setattr(chunk_codec, "parallel_read", lambda *_: pytest.fail("a whole plane was read"))
+        patch.setattr(type(H.planes), "plane", lambda *_: pytest.fail("a whole plane was read"))
+        found = H.to_xarray()[2, 1, 3, 2:4]
+        np.testing.assert_array_equal(found.values, random_matrix()[2, 1, 3, 2:4])
 
 
 def test_what_is_kept_cannot_be_written_to(tmp_path: Path) -> None:
@@ -242,6 +251,7 @@ def test_open_data_of_nobody_do_not_travel(tmp_path: Path) -> None:
         pickle.dumps(PSFMatrix(file["H"]).T)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", NAMES)
 def test_the_array_of_xarray_selects_as_numpy_does(kinds: dict[str, tuple[PSFMatrix, np.ndarray]], kind: str) -> None:
     H, values = kinds[kind]
@@ -260,6 +270,7 @@ def test_the_array_of_xarray_selects_as_numpy_does(kinds: dict[str, tuple[PSFMat
     np.testing.assert_array_equal(array.sum(("t", "s")).values, values.sum((3, 4)))
 
 
+@pytest.mark.long
 def test_the_array_of_xarray_has_coordinates_in_units() -> None:
     H = PSFMatrix(random_matrix(), depths=[-20.0, -10.0, 5.0], camera=preset("bench"), anchor=(3.0, 4.0), region="left")
     array = H.to_xarray()

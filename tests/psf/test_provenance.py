@@ -171,22 +171,25 @@ def test_records_of_older_files_and_of_anyone_are_shown_as_far_as_they_are_valid
 
 
 def test_each_simulated_plane_says_how_it_was_computed(tmp_path: Path) -> None:
+    how = {"tolerance": 0.3, "out": tmp_path / "units.h5"}
+    with drain(iter_simulate_psf(small(), run=RunChoice("threads"), **how)) as H:
+        assert_says_how(H)
+        assert_says_how(open_psf(drain(iter_transpose_file(H, tmp_path / "HT.h5"))))
+
+
+@pytest.mark.long
+def test_each_plane_of_chosen_effects_says_how_it_was_computed(tmp_path: Path) -> None:
     plan = small()
     assert_says_how(simulate_psf(plan, BASE, sampling=FAST))
     with simulate_psf(plan, BASE, sampling=FAST, out=tmp_path / "file.h5") as H:
         assert_says_how(H)
         assert_says_how(open_psf(drain(iter_transpose_file(H, tmp_path / "HT.h5"))))
-    how = {"tolerance": 0.3, "out": tmp_path / "units.h5"}
-    with drain(iter_simulate_psf(plan, run=RunChoice("threads"), **how)) as H:
+
+
+@pytest.mark.parametrize("run", [None, pytest.param(RunChoice("threads"), marks=pytest.mark.long)])
+def test_a_plane_that_a_pass_keeps_says_how_it_was_computed_before(tmp_path: Path, run: RunChoice | None) -> None:
+    with drain(iter_refine_psf(small(), tolerance=0.3, out=tmp_path / "H.h5", run=run)) as H:
         assert_says_how(H)
-
-
-def test_a_plane_that_a_pass_keeps_says_how_it_was_computed_before(tmp_path: Path) -> None:
-    plan = small()
-    for run in (None, RunChoice("threads")):
-        out = tmp_path / f"{run is None}.h5"
-        with drain(iter_refine_psf(plan, tolerance=0.3, out=out, run=run)) as H:
-            assert_says_how(H)
 
 
 def test_h_names_the_lfcal_that_made_it(tmp_path: Path) -> None:

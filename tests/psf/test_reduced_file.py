@@ -95,8 +95,10 @@ def test_its_transpose_and_its_way_to_another_process(path: Path, tmp_path: Path
             np.testing.assert_array_equal(back[0, 3, 4], turned[0, 3, 4])
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("method", ["polyphase", "direct", "sparse", "reduced"])
+@pytest.mark.parametrize(
+    "method",
+    ["polyphase", *(pytest.param(method, marks=pytest.mark.long) for method in ("direct", "sparse", "reduced"))],
+)
 def test_every_projector(path: Path, method: str) -> None:
     more = {"tolerance": 0.01} if method == "reduced" else {}
     rng, size = np.random.default_rng(1), (23, 21)

@@ -39,17 +39,26 @@ def offset_of(path: Path, name: str, at: tuple[int, ...] = ()) -> int:
         return int(info.byte_offset) + int(info.size) // 2
 
 
-def test_each_damaged_pattern_is_located(tmp_path: Path) -> None:
-    for dtype, compression in (("float32", "gzip"), ("rounded", "zstd"), ("float32", "none"), ("rounded", "gzip")):
-        path = save(PSFMatrix(VALUES), tmp_path / "H.h5", dtype=dtype, compression=compression)
-        clean = verify(path)
-        assert clean.ok and clean.compared and (clean.planes, clean.missing, clean.damaged) == (2, 0, ())
-        for at in ((0, 0, 0), (1, 2, 3), (1, 0, 2)):
-            flip(path, offset_of(path, "H", at))
-        assert {(d.z, d.what): d.positions for d in verify(path).damaged} == {
-            (0, "damaged"): (Position(0, 0, 0),),
-            (1, "damaged"): (Position(1, 0, 2), Position(1, 2, 3)),
-        }
+@pytest.mark.parametrize(
+    ("dtype", "compression"),
+    [
+        ("rounded", "gzip"),
+        *(
+            pytest.param(*one, marks=pytest.mark.long)
+            for one in (("float32", "gzip"), ("rounded", "zstd"), ("float32", "none"))
+        ),
+    ],
+)
+def test_each_damaged_pattern_is_located(tmp_path: Path, dtype: str, compression: str) -> None:
+    path = save(PSFMatrix(VALUES), tmp_path / "H.h5", dtype=dtype, compression=compression)
+    clean = verify(path)
+    assert clean.ok and clean.compared and (clean.planes, clean.missing, clean.damaged) == (2, 0, ())
+    for at in ((0, 0, 0), (1, 2, 3), (1, 0, 2)):
+        flip(path, offset_of(path, "H", at))
+    assert {(d.z, d.what): d.positions for d in verify(path).damaged} == {
+        (0, "damaged"): (Position(0, 0, 0),),
+        (1, "damaged"): (Position(1, 0, 2), Position(1, 2, 3)),
+    }
     assert [(p.done, p.total, p.stage) for p in iter_verify(path)] == [(k, 2, "check planes") for k in range(3)]
 
 

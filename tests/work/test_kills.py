@@ -102,6 +102,7 @@ def own(place: Path, tmp_path: Path) -> Path:
 QUICK = "transpose"
 
 
+@pytest.mark.long
 def test_killed(own: Path) -> None:
     killed(own, CASES[QUICK], "processes", 1)
 

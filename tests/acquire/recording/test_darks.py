@@ -25,7 +25,7 @@ class Steps:
         return LightPatch(0, 0, np.repeat([LIGHT, 0.0], 48)[:, None] * np.ones((1, 96), np.float32))
 
 
-@pytest.mark.parametrize("count", [1, 8])
+@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.long), 8])
 def test_the_stated_variance_is_that_of_the_corrected_frames(tmp_path: Path, count: int) -> None:
     """One recorded dark is the mean of as many exposures as were asked for: its noise is divided by them."""
     plan = small_plan((6, 6), 2)

@@ -145,19 +145,21 @@ def test_a_file_of_which_nothing_is_left_is_not_recorded_again_unasked(copied: F
     assert sorted(p.name for p in folder.iterdir() if p.suffix == ".h5") == ["checks.h5", "darks.h5", "recording.h5"]
 
 
-def test_damage_is_repaired_by_resume_unless_the_origin_was_lost_or_by_a_redo_list(kept: Find, copied: Find) -> None:
+@pytest.mark.parametrize("how", [pytest.param("in place", marks=pytest.mark.long), "packed"])
+def test_damage_is_repaired_by_resume_unless_the_origin_was_lost_or_by_a_redo_list(
+    kept: Find, copied: Find, how: str
+) -> None:
     step = PLAN.camera.step_um(PLAN.depths_um[0])
-    for how in ("in place", "packed"):
-        folder = copied(how, how, again=False)
-        rot_frame(folder / "recording.h5", 13)
-        with pytest.raises(InputError, match="moved by"):
-            resume(folder, axes=StageAxes(origin_um=(2 * step, 0.0, 0.0)))
-        assert verify(folder).to_redo == (Position(1, 1, 1),)
-        other = Path(shutil.copytree(folder, folder.with_name(f"{how}, list")))
-        assert resume(folder).how == "complete" and verify(folder).ok
-        record(other, PLAN, rig_for(PLAN), FULL, redo=verify(other).to_redo)
-        assert verify(other).ok
-        assert_same_h(kept(how, again=False), other)
+    folder = copied(how, again=False)
+    rot_frame(folder / "recording.h5", 13)
+    with pytest.raises(InputError, match="moved by"):
+        resume(folder, axes=StageAxes(origin_um=(2 * step, 0.0, 0.0)))
+    assert verify(folder).to_redo == (Position(1, 1, 1),)
+    other = Path(shutil.copytree(folder, folder.with_name("list")))
+    assert resume(folder).how == "complete" and verify(folder).ok
+    record(other, PLAN, rig_for(PLAN), FULL, redo=verify(other).to_redo)
+    assert verify(other).ok
+    assert_same_h(kept(how, again=False), other)
 
 
 def test_progress_shows_the_check_first(copied: Find, tmp_path: Path) -> None:
@@ -168,6 +170,7 @@ def test_progress_shows_the_check_first(copied: Find, tmp_path: Path) -> None:
     assert not list(folder.glob(".*"))
 
 
+@pytest.mark.long
 def test_a_fault_while_damage_is_taken_again_leaves_what_was_whole(kept: Find, copied: Find, tmp_path: Path) -> None:
     folder = copied("in place", again=False)
     for slot in (3, 13, 20):
@@ -193,8 +196,9 @@ for count, progress in enumerate(iter_record(Path(sys.argv[1]), PLAN, rig_for(PL
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no kill -9 on this platform")
-@pytest.mark.parametrize(("how", "after"), [("packed", 14), pytest.param("packed", 2, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("how", "after"), [("packed", 14), ("packed", 2)])
 def test_killed_while_it_is_repaired_loses_nothing(
     kept: Find, copied: Find, tmp_path: Path, how: str, after: int
 ) -> None:
@@ -213,7 +217,7 @@ def test_killed_while_it_is_repaired_loses_nothing(
     assert_same_h(kept(how, again=False), folder)
 
 
-@pytest.mark.parametrize("how", ["in place", "packed"])
+@pytest.mark.parametrize("how", ["in place", pytest.param("packed", marks=pytest.mark.long)])
 def test_a_lost_file_of_which_all_was_recorded_again_is_not_needed(
     kept: Find, copied: Find, tmp_path: Path, how: str
 ) -> None:

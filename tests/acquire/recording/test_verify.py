@@ -142,6 +142,7 @@ def test_positions_never_taken_are_not_called_damaged(tmp_path: Path) -> None:
     assert not report.damaged and report.lacking == 1 and not report.ok, "a record of zeros is one never written"
 
 
+@pytest.mark.long
 def test_a_session_can_be_checked_while_it_is_recorded(tmp_path: Path) -> None:
     reports = []
     for progress in iter_record(tmp_path, PLAN, rig_for(PLAN), FULL):
@@ -176,6 +177,7 @@ def test_progress_counts_every_frame_and_the_work_can_be_closed(kept: Find) -> N
     work.close()
 
 
+@pytest.mark.long
 def test_random_damage_is_never_missed(copied: Find, tmp_path: Path) -> None:
     """Bits flipped anywhere in the frames or records in use: exactly the frames they belong to are named."""
     rng = np.random.default_rng(6)
@@ -209,7 +211,7 @@ def assemble(folder: Path, out: Path | None = None, skip: bool = False, dark: st
 
 @pytest.mark.parametrize("rot", ROTS)
 @pytest.mark.parametrize("how", ["in place", "packed"])
-@pytest.mark.few(4)
+@pytest.mark.few(1)
 def test_a_damaged_frame_is_refused_with_its_position_or_left_out(
     kept: Find, copied: Find, tmp_path: Path, how: str, rot: str
 ) -> None:
@@ -243,21 +245,27 @@ def test_a_frame_recorded_again_replaces_a_damaged_one_but_never_the_other_way(c
     assert assemble(folder, skip=True).missing == (Position(2, 0, 0),)
 
 
-def test_damaged_darks_are_refused_or_left_out_and_never_replaced_by_nothing(copied: Find) -> None:
-    for k, rot in enumerate(ROTS):
-        folder = copied("packed", f"{k}")
-        ROTS[rot](folder / "darks.h5", 1)
-        with pytest.raises(FileFormatError, match=r"dark frame: darks\.h5\[1\]: .*--skip-damaged"):
-            assemble(folder)
-        report = assemble(folder, skip=True)
-        assert [(found.label, found.position) for found in report.left_out] == [("darks.h5[1]", None)], rot
-        session = SessionFile.read(folder)
-        file = RecordedFile(folder, session, 0, session.schedule(0), Kind.DARK)
-        with RecordingSource(folder, skip_damaged=True) as source:
-            (dark,) = source.metadata.darks.values()
-            assert np.array_equal(dark.frame, file.read(0)), "the mean of the whole ones"
-        file.close()
-    ROTS["bit of a frame"](folder / "darks.h5", 0)
+@pytest.mark.few(1)
+@pytest.mark.parametrize("rot", ROTS)
+def test_a_damaged_dark_is_refused_or_left_out(copied: Find, rot: str) -> None:
+    folder = copied("packed")
+    ROTS[rot](folder / "darks.h5", 1)
+    with pytest.raises(FileFormatError, match=r"dark frame: darks\.h5\[1\]: .*--skip-damaged"):
+        assemble(folder)
+    report = assemble(folder, skip=True)
+    assert [(found.label, found.position) for found in report.left_out] == [("darks.h5[1]", None)]
+    session = SessionFile.read(folder)
+    file = RecordedFile(folder, session, 0, session.schedule(0), Kind.DARK)
+    with RecordingSource(folder, skip_damaged=True) as source:
+        (dark,) = source.metadata.darks.values()
+        assert np.array_equal(dark.frame, file.read(0)), "the mean of the whole ones"
+    file.close()
+
+
+def test_damaged_darks_are_never_replaced_by_nothing(copied: Find) -> None:
+    folder = copied("packed")
+    for rot, slot in (("record of zeros", 1), ("bit of a frame", 0)):
+        ROTS[rot](folder / "darks.h5", slot)
     with pytest.raises(InputError, match=r"recorded dark frames: expected intact dark frames of 0\.02 s exposure"):
         assemble(folder, skip=True)
     (folder / "darks.h5").unlink()

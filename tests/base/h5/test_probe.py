@@ -191,7 +191,9 @@ def test_a_refused_limit_is_no_damage(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of a shell")
-@pytest.mark.parametrize("limits", ["ulimit -t 5; ulimit -c 0", "ulimit -v 4000000; ulimit -n 20"])
+@pytest.mark.parametrize(
+    "limits", ["ulimit -t 5; ulimit -c 0", pytest.param("ulimit -v 4000000; ulimit -n 20", marks=pytest.mark.long)]
+)
 def test_limits_from_outside_are_no_damage(tmp_path: Path, limits: str) -> None:
     path = small_file(tmp_path / "a.h5")
     code = "import sys; from pathlib import Path; from lfcal.base.h5.probe import probe; probe(Path(sys.argv[1]))"
@@ -200,6 +202,7 @@ def test_limits_from_outside_are_no_damage(tmp_path: Path, limits: str) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.long
 def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
     path = small_file(tmp_path / "a.h5")
     code = (

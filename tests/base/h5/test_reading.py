@@ -241,6 +241,7 @@ def test_a_stack_is_read_or_the_library_is_named(tmp_path: Path) -> None:
     assert last.endswith('run: pip install "lfcal[hdf5]"')
 
 
+@pytest.mark.long
 def test_h_compressed_with_zstd_names_the_library_and_leaves_nothing(tmp_path: Path) -> None:
     session = ROOT / "sample_data" / "recorded"
     done = without_plugin(COMMAND, "assemble", session, "-o", tmp_path / "H.h5", "--compression", "zstd")
