@@ -66,11 +66,16 @@ DEAR = (
     "lfcal.fit.fit",
     "lfcal.judge.inspection",
     "lfcal.judge.search",
+    "lfcal.lattice.lattice_file",
     "lfcal.psf.assembly",
+    "lfcal.psf.denoising",
     "lfcal.judge.report.write",
     "lfcal.simulate.accuracy._ladder",
     "lfcal.judge.checking",
     "lfcal.reconstruct.resolution",
+    "lfcal.tasks.assembly",
+    "lfcal.tasks.plan_target",
+    "lfcal.tasks.reconstruct",
 )
 """Those that take seconds."""
 

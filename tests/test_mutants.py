@@ -55,6 +55,7 @@ def test_a_mutant_is_a_program_of_the_same_number_of_lines() -> None:
         ast.parse(after)
 
 
+@pytest.mark.long
 def test_the_choice_depends_on_the_seed_and_covers_all_packages_and_kinds() -> None:
     first, again, other = choose(20, 1), choose(20, 1), choose(20, 2)
     assert first == again != other and len(set(first)) == 20

@@ -259,9 +259,13 @@ def test_a_simulated_sample_is_the_middle_of_a_simulated_h(plan: ScanPlan, monke
     assert "by rays" in sample.notes[0] or "level geometric, because wave optics takes longer" in sample.notes[0]
 
 
-def test_the_plan_of_h_is_the_recorded_one_or_follows_from_its_camera(plan: ScanPlan, tmp_path: Path) -> None:
+@pytest.mark.long
+def test_the_plan_of_a_simulated_h_is_the_recorded_one(plan: ScanPlan, tmp_path: Path) -> None:
     with simulate_psf(plan, (), "geometric", out=tmp_path / "H.h5", provenance={"plan": plan.to_dict()}) as H:
         assert Subject.of_matrix(H, "H").planned == plan
+
+
+def test_the_plan_of_other_h_follows_from_its_camera(plan: ScanPlan) -> None:
     known = {"camera": plan.camera, "depths": plan.depths_um, "anchor": plan.anchor}
     # a plan that anyone may have written is not believed
     for recorded in (None, {"format": "lfcal-plan"}, "plan", {"format": "lfcal-plan", "version": 1, "x": []}):
@@ -282,6 +286,7 @@ def test_subjects_without_a_fitting_camera_are_refused(plan: ScanPlan, tmp_path:
         _ = Subject.of_matrix(H, "H").planned
 
 
+@pytest.mark.long
 def test_a_sample_is_simulated_at_the_level_of_its_sampling() -> None:
     """For this plan, the fastest sampling of waves is that of a grid, which windows about lenslets cannot use."""
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=55)

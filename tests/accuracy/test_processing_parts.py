@@ -60,6 +60,7 @@ def test_point_by_point_is_the_operator() -> None:
     np.testing.assert_allclose(points.adjoint(voxels, image), back[tuple(np.array(voxels).T)], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_precision_is_that_of_its_type_and_thresholds_cost_accuracy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(projection, "SIDE", 40)
     H = PSFMatrix(lenslet_psf(1, cutout=21).astype(np.float32), anchor=(1.0, 3.0))
@@ -138,6 +139,7 @@ def test_solvers_closed_early_keep_their_points(h: Subject) -> None:
     assert [r.settings["iterations"] for r in record.curve.points] == [1, 2, 5]
 
 
+@pytest.mark.long
 def test_nearest_errs_as_written_out(plan: ScanPlan, monkeypatch: pytest.MonkeyPatch) -> None:
     """The nearest red sample is that of the 2 x 2 cell, of green the mean of its two: by hand on the inner part."""
     monkeypatch.setattr(filters, "SIDE", 64)

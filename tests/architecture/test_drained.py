@@ -6,12 +6,14 @@ import ast
 import importlib
 import inspect
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.architecture.sources import ROOT, tree_of
+from tests.architecture.test_house import statements
 
 FILES = sorted(p for package in ("lfcal", "gui") for p in (ROOT / package).rglob("*.py"))
 
@@ -19,7 +21,7 @@ FILES = sorted(p for package in ("lfcal", "gui") for p in (ROOT / package).rglob
 def scopes(tree: ast.Module) -> Iterator[ast.Module | ast.ClassDef]:
     """Yield a module and its classes."""
     yield tree
-    yield from (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    yield from (node for node in statements(tree) if isinstance(node, ast.ClassDef))
 
 
 def called(node: ast.AST) -> set[str]:
@@ -34,7 +36,7 @@ def twins(tree: ast.Module) -> list[str]:
     for scope in scopes(tree):
         functions = [node for node in scope.body if isinstance(node, ast.FunctionDef)]
         work = {node.name for node in functions if node.name.startswith("iter_")}
-        for node in functions:
+        for node in functions if work else ():
             calls = called(node)
             # a docstring, the work, and its result; one that does more has a name of its own
             drains = "drain" in calls and calls & work and len(node.body) <= 3
@@ -68,6 +70,7 @@ def test_other_functions_are_no_twins() -> None:
     )
 
 
+@cache
 def derived() -> list[tuple[str, str, str]]:
     """Return module, class (or nothing) and name of every function that `drained` makes."""
     found = []

@@ -345,6 +345,7 @@ def test_nothing_is_needed_that_bundles_lack() -> None:
         assert not {m for m in asked if any(f"{m}.".startswith(f"{one}.") for one in lacked)}, path
 
 
+@cache
 def functions() -> list[tuple[str, int, int]]:
     """Return name, lines without the docstring, and positional parameters (self left out) of every function."""
     found = []
@@ -354,7 +355,7 @@ def functions() -> list[tuple[str, int, int]]:
                 continue
             lines = (node.end_lineno or node.lineno) - node.lineno + 1
             first = node.body[0]
-            if ast.get_docstring(node) is not None:
+            if ast.get_docstring(node, clean=False) is not None:
                 lines -= (first.end_lineno or first.lineno) - first.lineno + 1
             given = [*node.args.posonlyargs, *node.args.args]
             # numba passes the typing context and all arguments of an intrinsic by position
@@ -380,21 +381,28 @@ def test_the_formatter_is_never_told_to_look_away() -> None:
         assert "# fmt:" not in text_of(path), path
 
 
+def names_in(node: ast.AST) -> set[str]:
+    """Return the names that a part of a file uses or sets."""
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+
+
 def late_constants(path: Path) -> Iterator[str]:
     """Yield names that functions or classes use and that are set after them, though nothing defined here is in them."""
     used: set[str] = set()
     local: set[str] = set()
+    waiting: list[ast.stmt] = []  # functions and classes whose names no constant has needed yet
     for node in tree_of(path).body:
-        names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            used |= names
+            waiting.append(node)
             local.add(node.name)
         elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            found = {part.id for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)}
-            if names & local:
+            found = {name for target in targets for name in names_in(target)}
+            if names_in(node) & local:
                 local |= found
             else:
+                used.update(*map(names_in, waiting))
+                waiting.clear()
                 yield from sorted(found & used)
 
 
@@ -456,7 +464,7 @@ def test_overviews_of_packages_name_modules_that_exist() -> None:
 
 def headers_that_are_classes() -> list[str]:
     """Return column heads of the window that are spelt like its classes of several words."""
-    classes = {n.name for path in FILES for n in ast.walk(tree_of(path)) if isinstance(n, ast.ClassDef)}
+    classes = {n.name for path in FILES for n in statements(tree_of(path)) if isinstance(n, ast.ClassDef)}
     several = {name for name in classes if re.fullmatch(r"[A-Z][a-z]+([A-Z][a-z]+)+", name)}
     return [
         f"{name_of(path)}: {one.value}"

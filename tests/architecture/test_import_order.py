@@ -66,7 +66,7 @@ def test_no_cycle_when_modules_are_imported() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("part", range(PARTS))
 def test_any_module_can_be_the_first(part: int) -> None:
     names = sorted(name for name in MODULES if not name.endswith("__main__"))
@@ -75,7 +75,7 @@ def test_any_module_can_be_the_first(part: int) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(60))
 def test_eight_threads_import_at_once(seed: int) -> None:
     rng = random.Random(seed)

@@ -65,7 +65,7 @@ def modules(package: str) -> list[Path]:
 def imported(path: Path) -> set[str]:
     """Absolute names a file imports anywhere in it, function bodies included."""
     found: set[str] = set()
-    for node in ast.walk(tree_of(path)):
+    for node in statements(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -78,7 +78,7 @@ def modules_used(path: Path) -> set[str]:
     """Return the modules of ours that the names which a file imports come from."""
     return {
         origin(str(node.module), alias.name)
-        for node in ast.walk(tree_of(path))
+        for node in statements(tree_of(path))
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
@@ -176,6 +176,8 @@ def test_every_import_is_of_a_declared_dependency() -> None:
         tree = tree_of(path)
         at_once = set(map(id, tree.body))
         for node in statements(tree):
+            if not isinstance(node, ast.Import | ast.ImportFrom):
+                continue
             declared = top if id(node) in at_once else always.union(*extras.values())
             for name in packages_of(node) - sys.stdlib_module_names - AS_MAKERS_SAY - set(PACKAGES):
                 found = {PART_OF.get(name, ""), *map(canonical, brought_by.get(name, [name]))}

@@ -52,6 +52,7 @@ BOTH = "import m, numpy as np; print(m.first(np.array([7])), m.first(np.array([0
 HITS = "; print(sum(m.first.compiled().stats.cache_hits.values()))"
 
 
+@pytest.mark.long
 def test_damaged_code_on_disk_is_compiled_again(tmp_path: Path) -> None:
     """Tests that fixed random numbers once gave two kernels one file: from then on no session could be recorded."""
     (tmp_path / "m.py").write_text(KERNEL, encoding="utf-8")
@@ -101,6 +102,7 @@ print(m.first(numpy.array([7])), m.first.compiled().stats.cache_path, _numba_cac
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("unusable", "kept"), [("InTreeCacheLocator", True), ("InTreeCacheLocator UserWideCacheLocator", False)]
 )

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.architecture.sources import ROOT
+from tests.architecture.sources import ROOT, tree_of
+from tests.architecture.test_house import statements
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -16,7 +17,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 def functions(folder: str) -> Iterator[tuple[Path, Function]]:
     """Yield every function of a package with its file."""
     for path in sorted((ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in statements(tree_of(path)):
             if isinstance(node, Function):
                 yield path, node
 

@@ -27,10 +27,12 @@ def packed(place: Path) -> int:
     return sum(len(zlib.compress(path.read_bytes())) + NAMES + 2 * len(str(path.relative_to(ROOT))) for path in kept)
 
 
+@pytest.mark.long
 def test_the_wheel_is_below_6_megabytes() -> None:
     assert sum(packed(ROOT / place) for place in (*WHEEL["packages"], *WHEEL["force-include"])) < 6e6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("program", ["lfcal", "lfcal_gui"])
 def test_modules_of_others_named_gui_do_no_harm(tmp_path: Path, program: str) -> None:
     for name in ("gui", "models", "widgets", "pages", "app"):

@@ -180,6 +180,7 @@ def test_a_cutout_beyond_the_recorded_window_says_where_it_ends(places: tuple[Sc
 # -- examples of the documentation -------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_frames_as_documented(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     session = sample_session()
     for name in ("frames", "dark"):

@@ -216,14 +216,19 @@ def test_where_only_the_order_of_types_counts_all_orientations_that_fit_are_name
     assert turned.options.count("--orientation") == 2
 
 
-def test_other_differences_are_no_orientation() -> None:
+@pytest.mark.parametrize(
+    "different", ["pitch", *(pytest.param(one, marks=pytest.mark.long) for one in ("offset", "type_step"))]
+)
+def test_other_differences_are_no_orientation(different: str) -> None:
     longer = replace(white_camera(), lattice=replace(white_camera().lattice, pitch_um=17.5 * PIXEL))
     elsewhere = replace(white_camera(), lattice=replace(white_camera().lattice, offset_um=(11.0, 30.0)))
     unknown = replace(white_camera(), lattice=replace(white_camera().lattice, type_step=2))
     unknown = replace(unknown, marks=unknown.marks.marked(["lattice.type_step"], "assumed"))
-    for described in (longer, elsewhere, unknown):
-        turned, _ = compared(described, drawn())
-        assert turned is None
+    turned, _ = compared({"pitch": longer, "offset": elsewhere, "type_step": unknown}[different], drawn())
+    assert turned is None
+
+
+def test_a_lattice_that_does_not_fit_has_no_orientation() -> None:
     blank = white_camera("square")
     check, turned = compared_orientations(check_camera(blank, drawn()), blank)
     assert turned is None and check.camera is None

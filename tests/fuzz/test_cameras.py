@@ -8,6 +8,7 @@ from lfcal.simulate import predict_bytes
 from tests.fuzz.cameras import random_trial, verdict
 
 SEEDS = 12
+FEW_SEEDS = 5
 LONG_SEEDS = 400
 
 
@@ -23,6 +24,11 @@ def check(seeds: range, allowed: float = 0.5) -> None:
     assert refused <= allowed * len(seeds), f"{refused} of {len(seeds)} cameras are refused"
 
 
+def test_very_few_cameras() -> None:
+    check(range(1, FEW_SEEDS), allowed=1.0)
+
+
+@pytest.mark.long
 def test_a_few_cameras() -> None:
     check(range(1, SEEDS))
 

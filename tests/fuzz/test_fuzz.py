@@ -26,6 +26,9 @@ FIRST = int(os.environ.get("LFCAL_FUZZ_FIRST", "0"))
 """Number of the first of them: each number is another input."""
 
 FIFTH = 5
+PARTS = 9
+"""Of the good files, and of the inputs that failed once: the first part is taken without --long."""
+EVERY_PART = [0, *(pytest.param(part, marks=pytest.mark.long) for part in range(1, PARTS))]
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +57,12 @@ class _workplace:
         self._guard.__exit__(None, None, None)
 
 
-@pytest.mark.parametrize("part", [0, pytest.param(1, marks=pytest.mark.long), pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.parametrize("part", EVERY_PART)
 def test_good_files_are_accepted(workplace: Workplace, part: int) -> None:
     """One command for each kind of file; else a command that refuses everything would pass."""
     # an inspection, which takes longest, only of what no other command reads
     quick = {target.kind: target for target in TARGETS if target.arguments[0] != "inspect"}
-    for target in list(({target.kind: target for target in TARGETS} | quick).values())[part::3]:
+    for target in list(({target.kind: target for target in TARGETS} | quick).values())[part::PARTS]:
         wrong, outcome = workplace.verdict(target, (workplace.good / target.file).read_bytes())
         refused = target.kind == "npz"  # an archive of several arrays is no stack of frames
         assert not wrong and outcome.code == (2 if refused else 0), (target.name, wrong, outcome)
@@ -74,10 +77,11 @@ def test_an_input_of_every_fifth_target(workplace: Workplace) -> None:
     assert not found
 
 
-def test_inputs_that_failed_once(workplace: Workplace) -> None:
+@pytest.mark.parametrize("part", EVERY_PART)
+def test_inputs_that_failed_once(workplace: Workplace, part: int) -> None:
     """Each ended in a traceback, a hang, a crash, several lines, or a line of thousands of characters."""
     found = {}
-    for name, target, data in corpus.cases():
+    for name, target, data in list(corpus.cases())[part::PARTS]:
         wrong, outcome = workplace.verdict(target, data, old=True)
         if wrong:
             found[name] = wrong, outcome.said[:300]
@@ -89,9 +93,10 @@ def test_there_is_a_corpus_and_it_is_small() -> None:
     assert sum(path.stat().st_size for path in corpus.FOLDER.rglob("*")) < 300_000
 
 
-def test_names_and_inputs_are_the_same_every_time(good: Path) -> None:
+@pytest.mark.parametrize("step", [FIFTH, pytest.param(1, marks=pytest.mark.long)])
+def test_names_and_inputs_are_the_same_every_time(good: Path, step: int) -> None:
     assert max(Counter(target.name for target in TARGETS).values()) == 1
-    for target in TARGETS:
+    for target in TARGETS[::step]:
         assert target.family in FAMILIES
         assert spoil(target, 3, good) == spoil(target, 3, good)
         assert len({spoil(target, number, good) for number in range(20)}) > 10

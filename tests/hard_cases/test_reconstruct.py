@@ -65,6 +65,7 @@ def test_extreme_images_give_finite_volumes(name, case):
         assert len(result.notes) == 2
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_single_precision_likelihood_never_falls_over_500_iterations(method):
     P = Projector(lenslet_psf(1, 4, 9), (22, 21), method=method)

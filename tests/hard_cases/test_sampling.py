@@ -204,6 +204,7 @@ def test_faint_squares():
     return float(np.finfo(np.float32).tiny / (1e-4 * float(image.max())) ** 2)
 
 
+@pytest.mark.long
 @hard_case(
     "Windows a pixel wider than the spots",
     wrong="the light of a lenslet falls off slowly, and the part outside the window is lost",

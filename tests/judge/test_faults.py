@@ -119,7 +119,7 @@ MORE: dict[str, Callable[[FoundFault], Any]] = {
 }
 """What else is true of a finding: its pixels, positions and picture."""
 
-SLOW = ("depth_label", "focus_drift", "type_focus")
+SLOW = ("compression", "depth_label", "focus_drift", "order", "type_focus")
 
 
 @pytest.mark.parametrize(
@@ -475,6 +475,7 @@ def doubted(quality: QualityReport) -> set[str]:
     return {m.key for m in quality.metrics if m.merit in ("bad", "fair")}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("pitch", "cutout"),
     [(6, 31), *(pytest.param(p, 4 * p + 3, marks=pytest.mark.long) for p in (5, 7, 8, 9, 10, 11, 12, 14, 16))],
@@ -494,6 +495,7 @@ def test_small_cells_with_noise_have_no_fault(pitch: int) -> None:
     assert pitch == 5 or not named
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("quality", [75, *(pytest.param(one, marks=pytest.mark.long) for one in (95, 30))])
 def test_a_compression_is_named_with_small_cells_unless_frames_were_stored_without_loss(quality: int) -> None:
     r = microscope(9, cutout=39)
@@ -504,6 +506,7 @@ def test_a_compression_is_named_with_small_cells_unless_frames_were_stored_witho
         assert ("compression" in {one.name for one in findings(r, values, provenance)}) is named, provenance
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [False, pytest.param(True, marks=pytest.mark.long)])
 @pytest.mark.parametrize("pitch", [7, pytest.param(12, marks=pytest.mark.long)])
 def test_what_is_cut_off_is_no_other_fault(pitch: int, noise: bool) -> None:
@@ -531,6 +534,7 @@ def rounded() -> Recording:
     return microscope(7.4, (15.0, 30.0), 41)
 
 
+@pytest.mark.long
 def test_a_rounded_period_makes_no_seam_and_other_seams_are_named() -> None:
     quality = inspect(rounded().matrix(rounded().clean()), workers=1)
     assert quality["seam"].merit == "good" and quality["period"].merit == "fair"
@@ -540,6 +544,7 @@ def test_a_rounded_period_makes_no_seam_and_other_seams_are_named() -> None:
     assert inspect(r.matrix(np.ascontiguousarray(values)), workers=1)["seam"].merit == "bad"
 
 
+@pytest.mark.long
 def test_odd_frames_and_a_seam_that_the_camera_explains_are_none() -> None:
     """Frames change more from one to the next, and across the wrap, where a source crosses from lenslet to lenslet."""
     r = microscope(7)
@@ -552,6 +557,7 @@ def test_odd_frames_and_a_seam_that_the_camera_explains_are_none() -> None:
     assert found.compared and found.merit == "good" and "should be checked" not in found.verdict
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("depths", "noise"),
     [((15.0, 30.0, 30.2), True), *(pytest.param(*one, marks=pytest.mark.long) for one in OTHER_PLANES)],

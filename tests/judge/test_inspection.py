@@ -217,6 +217,7 @@ def camera_of(H: PSFMatrix) -> Behind:
     return known
 
 
+@LONG
 def test_interlaced_rows_are_named_and_a_right_camera_needs_no_explanation() -> None:
     H = one_plane(lines_displaced(clean()[1:]))
     found = drain(iter_rearranged(H, camera_of(H)))
@@ -279,6 +280,7 @@ def cameras() -> dict[str, tuple[Camera, str]]:
     }
 
 
+@LONG
 @pytest.mark.parametrize(
     "case", ["small gap", *(pytest.param(one, marks=LONG) for one in ("types", "gap", "iris", "turned"))]
 )
@@ -342,6 +344,7 @@ def whole_frames() -> Values:
     return noisy((light * (PEAK / light.max())).reshape(1, *known.period, *wider.cutout).astype(np.float32))
 
 
+@LONG
 @pytest.mark.parametrize("origin", [(12, 9), pytest.param((0, 16), marks=LONG), pytest.param((8, -11), marks=LONG)])
 def test_frames_that_are_a_part_of_the_sensor_are_named_with_their_place(origin: tuple[int, int]) -> None:
     rows, columns = plan().cutout

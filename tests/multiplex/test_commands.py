@@ -61,13 +61,21 @@ def test_compare_prints_the_numbers(lfcal, tmp_path: Path) -> None:
     assert table.code == 0 and "pinhole" in table.out
 
 
+LIGHT = np.array([300.0, 200, 100])[:, None, None] * np.ones((12, 14))
+
+
+@pytest.mark.long
 def test_demosaic_writes_the_image_of_the_library(lfcal, tmp_path: Path) -> None:
-    light = np.array([300.0, 200, 100])[:, None, None] * np.ones((12, 14))
-    cv2.imwrite(str(tmp_path / "frame.png"), (multiplex(light, cfa("CYMG")) + 50).astype(np.uint16))
+    cv2.imwrite(str(tmp_path / "frame.png"), (multiplex(LIGHT, cfa("CYMG")) + 50).astype(np.uint16))
     out, words = tmp_path / "rgb.tif", ("multiplex", "demosaic", tmp_path / "frame.png")
     done = lfcal(*words, "-o", out, "--pattern", "CYMG", "--dark", 50)
     assert done.code == 0 and done.out == f"written: {out}\n", done.err
-    np.testing.assert_allclose(tifffile.imread(out), light, atol=1e-3)
+    np.testing.assert_allclose(tifffile.imread(out), LIGHT, atol=1e-3)
+
+
+def test_patterns_without_a_colour_are_refused(lfcal, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "frame.png"), (multiplex(LIGHT, cfa("CYMG")) + 50).astype(np.uint16))
+    words = ("multiplex", "demosaic", tmp_path / "frame.png")
     for more, what in (
         ((), "pattern"),
         (("--pattern", "GG/GG"), "none for R, B;"),
@@ -76,6 +84,11 @@ def test_demosaic_writes_the_image_of_the_library(lfcal, tmp_path: Path) -> None
     ):
         refused = lfcal(*words, "-o", tmp_path / "no.tif", *more)
         assert refused.code == 2 and what in refused.err and not (tmp_path / "no.tif").exists(), refused.err
+
+
+@pytest.mark.long
+def test_demosaic_of_any_page_by_any_route_and_filter(lfcal, tmp_path: Path) -> None:
+    out = tmp_path / "rgb.tif"
     pages = np.random.default_rng(1).integers(0, 4000, (2, 16, 18)).astype(np.uint16)
     tifffile.imwrite(tmp_path / "two.tif", pages, photometric="minisblack")
     for page, options in ((0, {"route": "fourier"}), (1, {"filter": "lanczos"}), (1, {"filter": "nearest"})):
@@ -206,17 +219,22 @@ def test_compare_over_any_reference_at_any_noise(lfcal) -> None:
     assert lfcal(*command, "--camera", "r29", "--chi2", 1).code == 2
 
 
-def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:
+@pytest.mark.long
+def test_search_finds_the_known_frontiers(lfcal, tmp_path: Path) -> None:
     found = lfcal("multiplex", "search", "--chi2", 0, "--json", "-o", tmp_path / "front.png").json
     assert found["frontier"][0]["gain_db"] == pytest.approx(0.645, abs=1e-3)
     masks = lfcal("multiplex", "search", "3", "--chi2", 1)
     limit = mask_gain_bound(3, 1.0)
     assert f"no mask of this size gains more than {limit:+.3f} dB" in masks.err + masks.out
     assert masks.code == 0 and "pinhole" in masks.out
+    assert cv2.imread(str(tmp_path / "front.png")).std() > 5
+
+
+def test_filters_and_pictures(lfcal, tmp_path: Path) -> None:
     trials = lfcal("multiplex", "filters", "--size", 64, "--json", "-o", tmp_path / "filters.png").json
     assert {t["filter"] for t in trials["sharp edges"]} >= {"nearest", "cubic", "bilateral", "sinc"}
     assert lfcal("multiplex", "show", "MURA:5", "-o", tmp_path / "mura.png").code == 0
-    for name in ("front", "filters", "mura"):
+    for name in ("filters", "mura"):
         assert cv2.imread(str(tmp_path / f"{name}.png")).std() > 5
     assert lfcal("multiplex", "search", "--chi2", 1, "--camera", "r29").code == 2
     assert lfcal("multiplex", "show", "MURA:9", "-o", tmp_path / "no.png").code == 2

@@ -277,6 +277,7 @@ def kodak() -> tuple[NDArray[np.uint16], str]:
     return image.read(), str(image.metadata["cfa"])
 
 
+@pytest.mark.long
 def test_the_linear_route_on_a_raw_frame_is_bilinear_demosaicing_of_opencv() -> None:
     frame, pattern = kodak()
     assert pattern == "GRBG"
@@ -295,6 +296,7 @@ def test_the_linear_route_on_a_raw_frame_is_bilinear_demosaicing_of_opencv() -> 
     assert np.abs(wrong[0] - theirs[0])[inner].mean() > 10 * np.abs(ours[0] - theirs[0])[inner].mean()
 
 
+@pytest.mark.long
 def test_routes_on_a_raw_frame() -> None:
     frame, pattern = kodak()
     cubic, fourier, bilateral = (

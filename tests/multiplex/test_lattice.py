@@ -125,10 +125,15 @@ def test_mask_of_non_integer_period() -> None:
     assert np.abs(wrong - light[:, None, None]).mean() > 3 * np.abs(views - light[:, None, None]).mean()
 
 
-def test_camera_lattice_and_threads() -> None:
+def test_the_lattice_of_a_camera() -> None:
     given = lattice_of(preset("r29"))
     assert given.kind == "hexagonal" and given.pitch_px == pytest.approx(31.7)
     assert given.centres_px(0, 0) == pytest.approx(((4384 - 1) / 2, (6576 - 1) / 2))
+
+
+@pytest.mark.long
+def test_threads_change_nothing() -> None:
+    given = lattice_of(preset("r29"))
     near = SuperPixelLattice("hexagonal", (40.0, 50.0), *given.basis_px().tolist())
     frame = np.random.default_rng(2).integers(0, 4096, (220, 260)).astype(np.uint16)
     one = lattice_channels(frame, near, 31, filter="cubic", workers=1)
@@ -237,6 +242,7 @@ def test_what_no_pixel_measures_has_an_infinite_deviation() -> None:
     assert np.isinf(lattice_channels_weighted(frame, given, 5, weights).deviation[2, 3]).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("m", [mask("MURA", 5), mask("lenslet", 5)], ids=lambda m: m.name)
 @pytest.mark.few(1)
 def test_the_stated_deviation_is_measured_within_a_percent(m: Modulator) -> None:

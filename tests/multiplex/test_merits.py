@@ -211,6 +211,7 @@ def test_limits_of_arrays_are_kept() -> None:
             best_array((2, 2), 1.0, **options)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("crosstalk", "chi2"),
     [(0.1, 10.0), *(pytest.param(*one, marks=pytest.mark.long) for one in ((0.0, 0.0), (0.1, 0.0), (0.0, 10.0)))],

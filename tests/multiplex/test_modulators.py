@@ -69,7 +69,7 @@ def shadows(n: int, shift: float, width: float, parts: int) -> np.ndarray:
     return (cells[..., None] == np.arange(n)).mean((2, 3))
 
 
-@pytest.mark.parametrize("width", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("width", [*(pytest.param(w, marks=pytest.mark.long) for w in (0.0, 0.4)), 1.0])
 def test_mask_at_a_distance_by_counting_rays(width: float) -> None:
     """Equation 9 over the areas of pixels and views; a transmission is a share, and no light is lost or made."""
     pattern = (np.random.default_rng(3).random((5, 4)) < 0.5) * 1.0

@@ -177,12 +177,16 @@ def test_figure_6_marks_the_camera_of_the_user() -> None:
         assert curves.cameras["mine"] == 30.0 and set(PAPER_CAMERAS) <= set(curves.cameras)
 
 
+@pytest.mark.long
 def test_figure_7_orders_the_modulators_as_the_paper() -> None:
     found = paper_figure(7)
     views = found.panels[4:]
     order = [number(p.numbers, "SNR") for p in views]
     assert order == sorted(order, reverse=True) and len({p.levels for p in views}) == 1
     assert [number(p.numbers, "forecast") for p in views] == pytest.approx([20.6, 7.2, 0.0, -0.9], abs=0.06)
+
+
+def test_a_figure_that_is_none_of_these_is_refused() -> None:
     with pytest.raises(InputError):
         paper_figure(4)
 

@@ -161,7 +161,7 @@ def test_errors_of_the_filters() -> None:
     assert any(t.efficient for t in trials.values())
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32, np.float64])
 def test_sample_types_and_threads(dtype) -> None:
     frame = RNG(6).integers(0, 200, (15, 21)).astype(dtype)

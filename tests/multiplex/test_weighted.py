@@ -130,6 +130,7 @@ def test_what_no_pixel_measures_has_an_infinite_deviation() -> None:
         demultiplex(frame, cfa("Bayer"), weights=np.ones((12, 12)), filter="cubic")
 
 
+@pytest.mark.long
 def test_the_stated_deviation_is_measured_within_a_percent() -> None:
     modulator = cfa("RGBW 4x4")
     light = np.array([300.0, 500, 200])[:, None, None] * np.ones((256, 256))

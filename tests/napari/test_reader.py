@@ -244,6 +244,7 @@ def test_npe2_accepts_the_manifest() -> None:
     assert printed_by(VALIDATED, MANIFEST) == "lfcal 2"
 
 
+@pytest.mark.long
 def test_napari_is_not_imported(matrix: Path) -> None:
     assert printed_by(LOADED, matrix) == "[]"
 

@@ -49,6 +49,7 @@ def test_the_response_is_half_at_its_angle() -> None:
     assert effect.slope(outlook)[1] == pytest.approx(math.sin(angle), rel=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("v", "accept", "share"),
@@ -115,6 +116,7 @@ def test_rays_through_lenslets_land_where_straight_lines_do() -> None:
     assert np.abs(found - wanted).max() < 0.1 * np.abs(wanted).max()
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("change", [{}, {"exact_rays": True, "exact_defocus": True}])
 def test_windows_follow_a_tilt_in_part(change: dict[str, bool]) -> None:
@@ -249,6 +251,7 @@ def one_type(**changes: Any) -> Scene:
     return replace(scene, lattice=replace(scene.lattice, types=scene.lattice.types[1:2]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("aperture", ["circle", "cell"])
 @pytest.mark.parametrize("waves", [long(0.25), -1.0])
 @pytest.mark.few(1)
@@ -352,6 +355,7 @@ def fast_scene(thickness: float) -> Scene:
     return replace(scene, lattice=lattice, image_um=3 * gap, glass=(thickness, 1.52))
 
 
+@pytest.mark.long
 def test_waves_follow_the_aberration_of_the_plate() -> None:
     air, glass = fast_scene(0.0), fast_scene(200.0)
     reference, plain = (point(s, "reference", Sampling(8.0)) for s in (glass, air))
@@ -359,5 +363,8 @@ def test_waves_follow_the_aberration_of_the_plate() -> None:
     assert effect > 0.04
     assert relative_error(point(glass, "wave", FINE), reference) < 0.5 * effect
     assert relative_error(point(air, "wave", FINE), plain) < 0.03
+
+
+def test_the_scene_has_the_plate() -> None:
     scene = PlaneResponse(small_plan(), 0, (*BASE, fx.ExactAngles(), fx.CoverGlass(100.0, 1.5, 1.0))).scene
     assert scene.glass == (100.0, 1.5) and scene.exact_rays

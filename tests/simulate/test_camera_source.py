@@ -88,6 +88,7 @@ def test_frames_depend_on_index_and_seed_alone() -> None:
     assert other.read(3).tobytes() != frames[3]
 
 
+@pytest.mark.long
 def test_brightest_pixel_reaches_the_peak() -> None:
     plan = small_plan()
     camera = SimulatedCamera(plan, BASE, sampling=FAST, peak=0.5)

@@ -231,7 +231,7 @@ def test_the_table_of_a_cell_has_the_size_of_the_forecast(plan: ScanPlan) -> Non
         assert LightSizes.of(scene).cell_table_side(engine.per_px) == pytest.approx(len(real.cell), rel=0.02)
 
 
-@pytest.mark.parametrize("z_um", [0.0, 60.0])
+@pytest.mark.parametrize("z_um", [0.0, long(60.0)])
 def test_a_grid_of_a_dim_cutout_is_as_forecast(z_um: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """With 6 % of the light in the cutout, a first grid failed, whose time was not forecast."""
     scene, level = resolve_level(

@@ -20,7 +20,7 @@ from lfcal.simulate import PlaneResponse, Sampling, SimulatedCamera, at_waveleng
 from lfcal.simulate import effects as fx
 from lfcal.simulate.engines import engine_for
 from lfcal.simulate.staging import ideal_scene, light_samples, scene_of
-from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan
+from tests.simulate.common import BASE, FAST, difference, long, responses, small_camera, small_plan
 from tests.simulate.scenes import microscope_scene, relative_error
 
 
@@ -46,7 +46,7 @@ def test_a_curved_field_is_another_depth() -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("level", ["geometric", "wave", "reference"])
+@pytest.mark.parametrize("level", ["geometric", "wave", long("reference")])
 def test_distortion_puts_every_source_in_its_own_place(level: str) -> None:
     """Against single points at k h³ from the axis, each with its own h; windows of the others are cut out."""
     plan = far_plan(cutout=(41, 45))

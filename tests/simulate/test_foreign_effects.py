@@ -65,13 +65,18 @@ def test_the_documented_effect_does_what_it_says(foreign: Install) -> None:
     assert 0.5 * measured <= effect.estimate(outlook_of(plan, 0)).error <= 2 * measured
 
 
-def test_the_command_line_and_the_window_list_it(foreign, tmp_path, monkeypatch, capfd):
+def test_the_command_line_lists_it(foreign, monkeypatch, capfd):
     foreign(PAGE[0], "ArrayDecentre")
     words = ["simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json", "--effect", "array_decentre=on"]
     monkeypatch.setattr(sys, "argv", ["lfcal", *words])
     with pytest.raises(SystemExit) as end:
         main()
     assert not end.value.code and '"array_decentre"' in capfd.readouterr().out
+
+
+@pytest.mark.long
+def test_the_window_lists_it(foreign, tmp_path):
+    foreign(PAGE[0], "ArrayDecentre")
     code = """
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_effects import verdict_of

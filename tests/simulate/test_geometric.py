@@ -51,7 +51,7 @@ def thrown(scene: Scene, y_um: float, x_um: float, rays: int = 200_000) -> np.nd
     return image
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("v", [4.0, -2.5, 0.3, 0.0])
 def test_spots_against_random_rays(v):
     scene = scene_of(preset("bench"), virtual_depth=v, cutout=(57, 57), iris=PupilIris(7, 0.3, 0.2))
@@ -62,6 +62,7 @@ def test_spots_against_random_rays(v):
     assert relative_error(image, wanted) < 1.5 * noise + 4e-3
 
 
+@pytest.mark.long
 def test_microscope_cells_against_random_rays():
     scene = microscope_scene(8.0)
     image = GeometricPlane(scene).point(9.0, -13.0)

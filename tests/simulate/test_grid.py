@@ -80,6 +80,7 @@ def test_positions_are_read_off_one_table() -> None:
     assert relative_error(beyond, wanted) < 0.012
 
 
+@pytest.mark.long
 def test_displaced_sources_share_the_table() -> None:
     scene = camera_scene(3.0, cutout=(31, 31))
     offsets = np.random.default_rng(5).uniform(-0.6, 0.6, (*scene.period, 2)) * PIXEL

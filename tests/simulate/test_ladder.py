@@ -53,6 +53,7 @@ def test_finer_samplings_come_closer_to_the_reference(measured: Ladder) -> None:
     assert measured.virtual_depth == pytest.approx(4.0)
 
 
+@pytest.mark.long
 def test_the_picked_rung_is_the_fastest_within_the_tolerance(measured: Ladder, tmp_path: Path) -> None:
     picked = measured.chosen
     assert picked is not None and picked.error <= 0.05
@@ -91,6 +92,7 @@ def test_too_coarse_a_sampling_is_refused_by_its_energy() -> None:
     assert len(found.refused) == 1 and [r.level for r in found.rungs] == ["geometric"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", ["microscope", "two planes"])
 @pytest.mark.few(1)
 def test_seconds_are_forecast(case: str) -> None:

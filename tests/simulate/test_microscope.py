@@ -290,6 +290,7 @@ def by_fourier(scene: Scene, position: tuple[int, int], exact: bool, samples: in
     return pixels[spare:-spare, spare:-spare]
 
 
+@pytest.mark.long
 @pytest.mark.few(1)
 @pytest.mark.parametrize("position", [(8, 8), (8, 0), (3, 5)], ids=["corner", "edge", "within"])
 def test_light_focused_where_fast_lenslets_meet_is_not_made_more(position):
@@ -311,6 +312,7 @@ def test_lenslets_without_gaps_meet_on_a_grid_without_making_light(plane):
     assert relative_error(found, wanted) < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("z", [30.0, long(0.0)])
 def test_exact_angles_are_followed_behind_the_lenslets(z):
     camera = replace(preset("lfm_20x05"), optics=Microscope(4.0, 0.28, 1.0), lattice=fast_lenslets().lattice)

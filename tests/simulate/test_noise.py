@@ -194,8 +194,19 @@ def test_ghosts_mirror_the_frame_and_add_no_more_light_than_their_share() -> Non
         assert electrons.sum() <= (1 + ghost.share) * even.sum() * 1.001
 
 
+def ghost_plans() -> tuple[ScanPlan, ScanPlan]:
+    """Return a plan whose ghosts meet the cutout, and one whose ghosts lie outside."""
+    return small_plan(), small_plan(4.0, small_camera(160, 800), anchor=(70.0, 640.0))
+
+
 def test_the_estimate_of_a_ghost_depends_on_whether_it_meets_the_cutout() -> None:
-    near, far = small_plan(), small_plan(4.0, small_camera(160, 800), anchor=(70.0, 640.0))
+    near, far = (fx.Ghost(0.05).estimate(outlook_of(plan, 0)) for plan in ghost_plans())
+    assert "outside" not in near.formula and "outside" in far.formula
+
+
+@pytest.mark.long
+def test_the_estimate_of_a_ghost_is_right_within_a_factor_of_two() -> None:
+    near, far = ghost_plans()
     for plan, meets in ((near, True), (far, False)):
         estimate = fx.Ghost(0.05).estimate(outlook_of(plan, 0))
         cameras = [SimulatedCamera(plan, effects, sampling=FAST) for effects in (BASE, (*BASE, fx.Ghost(0.05)))]

@@ -45,6 +45,7 @@ def assembled(source: SimulatedCamera, chosen: list[int], frames: int, dark: flo
     return np.array([H[place] for place in dict.fromkeys(where)], float)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("frames", "peak", "sensor"),
     [

@@ -225,6 +225,7 @@ def wanted_at_focus(scene: Scene, positions: tuple[tuple[int, int], ...]) -> np.
     return np.concatenate([judge.rows([y], [x]) for y, x in positions])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("pitch_px", "f_number", "v"), [long(9, 12.0, 6.0), (10, 12.0, -0.4)])
 def test_the_reference_states_at_least_its_error(pitch_px: int, f_number: float, v: float) -> None:
     """Of slow lenslets, three samples per pixel stated 0.2 % with an error of 0.9 to 1.6 %: their edges need more."""
@@ -269,10 +270,22 @@ def finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[
     return PlaneResponse(plan, 0, effects, level="reference", sampling=sampling).rows(ys, xs)
 
 
+def two_positions() -> ScanPlan:
+    camera = preset("bench")
+    return ScanPlan(camera, (1, 2), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
+
+
 def test_a_selection_of_effects_brings_its_tolerance() -> None:
     """Where none is named: the library took 3 % whatever the selection was made for."""
-    camera = preset("bench")
-    plan = ScanPlan(camera, (1, 2), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
+    plan = two_positions()
+    found = plan_effects(plan, 0.01)
+    assert SimulatedCamera(plan, found).tolerance == 0.01 and SimulatedCamera(plan).tolerance == 0.03
+    assert tolerance_for(found, 0.1) == 0.1
+
+
+@pytest.mark.long
+def test_simulations_with_a_selection_of_effects_keep_its_tolerance() -> None:
+    plan = two_positions()
     found = plan_effects(plan, 0.01)
     by_itself, named, coarse = (simulate_psf(plan, found, tolerance=t) for t in (None, 0.01, 0.1))
     np.testing.assert_array_equal(by_itself[:], named[:])
@@ -280,8 +293,6 @@ def test_a_selection_of_effects_brings_its_tolerance() -> None:
     np.testing.assert_array_equal(by_itself[:], simulate_psf(plan, tolerance=0.01)[:])
     assert by_itself.provenance["simulated"]["tolerance"] == 0.01
     assert simulate_psf(plan, found.effects).provenance["simulated"]["tolerance"] == 0.03
-    assert SimulatedCamera(plan, found).tolerance == 0.01 and SimulatedCamera(plan).tolerance == 0.03
-    assert tolerance_for(found, 0.1) == 0.1
     volume = np.zeros((1, 9, 9), np.float32)
     volume[0, 4, 4] = 1
     np.testing.assert_array_equal(light_field(volume, plan, effects=found), light_field(volume, named))

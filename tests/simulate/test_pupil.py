@@ -48,6 +48,7 @@ def _apart(one, other):
     return np.abs(one - other).sum() / other.sum()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("z", "gap", "focal", "aperture"),
     [(40.0, 1e4, (1e4,), "round"), long(-60.0, 9.8e3, (1e4, 1.1e4, 0.9e4), "square"), long(0.0, 1e4, (1e4,), "square")],

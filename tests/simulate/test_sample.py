@@ -43,6 +43,7 @@ def frame(folder: Path, name: str) -> np.ndarray:
     return image.astype(int)
 
 
+@pytest.mark.long
 def test_frames_are_those_of_the_checkout_within_a_fraction_of_the_noise(installed: Path) -> None:
     found, kept = sample_session(), DATA / "session"
     assert found.parent == installed

@@ -193,6 +193,7 @@ def test_units_give_the_file_of_one_process(in_units, direct, tmp_path, executor
     assert not parts_folder(out).exists()
 
 
+@pytest.mark.long
 def test_units_of_an_earlier_run_are_kept_or_of_another_tolerance_replaced(in_units, direct, tmp_path):
     out = tmp_path / "H.h5"
 

@@ -81,9 +81,10 @@ def crosstalk(light: NDArray[np.float64], cutout: int, pitch: int) -> float:
     return sum(held(*one) for one in around) / held(0, 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("depth", "window", "aside"),
-    [(2.0, 101, (-2, 3, 12)), pytest.param(4.0, 151, (-1, 6), marks=pytest.mark.long)],
+    [(2.0, 101, (-2, 3, 12)), (4.0, 151, (-1, 6))],
 )
 def test_crosstalk_is_that_of_waves_through_the_whole_array(depth: float, window: int, aside: tuple[int, ...]) -> None:
     camera = round_iris(240)

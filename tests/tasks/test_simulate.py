@@ -113,6 +113,7 @@ def test_passes_in_units_of_processes_give_the_same_bits(plan: Path, tmp_path: P
     same(values(tmp_path / "here.h5"), values(tmp_path / "there.h5"))
 
 
+@pytest.mark.long
 def test_passes_that_were_stopped_are_resumed(lfcal: Lfcal, plan: Path, tmp_path: Path) -> None:
     task = made_by(SimulatePasses, plan, tmp_path / "H.h5")
     made_by(SimulatePasses, plan, tmp_path / "whole.h5").run()[0].close()
@@ -139,6 +140,7 @@ def test_frames_keep_their_task_and_h_states_how_magnitudes_are_known(plan: Path
         assert matrix.provenance["effect_sources"] == {"coma": {"waves": "measured", "angle_rad": "stated"}}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])
 def test_the_result_names_engine_sampling_time_and_error_of_every_plane(
     plan: Path, tmp_path: Path, executor: str

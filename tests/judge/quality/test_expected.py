@@ -89,6 +89,7 @@ def test_the_expected_share_is_a_little_less_than_that_of_waves(name: str, depth
         assert -max(0.25 * shown, 0.6) < expected - shown < 0.0
 
 
+@pytest.mark.long
 def test_a_microscope_has_its_f_number_and_no_blades() -> None:
     found = inspect(with_stray(0.0, simulated()))
     assert found.f_number is not None
@@ -114,7 +115,9 @@ def test_lenslets_without_gaps_spread_light_over_their_cells(clear: float, secon
 
 
 # -- one iris seen from all depths -----------------------------------------------------------------------
-@pytest.mark.parametrize(("scene", "blades", "curvature"), [(hexagonal, 7, 0.0), (single, 9, 0.3)])
+@pytest.mark.parametrize(
+    ("scene", "blades", "curvature"), [pytest.param(hexagonal, 7, 0.0, marks=pytest.mark.long), (single, 9, 0.3)]
+)
 def test_all_planes_show_one_iris(scene, blades: int, curvature: float) -> None:
     made: Scene = scene()
     H = PSFMatrix(recorded(made.planes), depths=made.depths, camera=made.camera)

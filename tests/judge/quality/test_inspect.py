@@ -59,6 +59,7 @@ def test_bad_metrics_come_first_and_costly_ones_before_cheap_ones():
     assert len(costs) >= 2 and costs == sorted(costs, reverse=True)
 
 
+@pytest.mark.long
 def test_views_threads_and_types_give_the_same_answer():
     H = matrix(single(), base(single()))
     one, many, double = inspect(H, workers=1), inspect(H.T, workers=3), inspect(matrix(single(), H[:].astype(float)))
@@ -78,6 +79,7 @@ def test_progress_counts_up_and_closing_stops():
     work.close()
 
 
+@pytest.mark.long
 def test_memory_stays_within_two_planes():
     values = base(hexagonal())
     plane = values[0].nbytes
