@@ -39,7 +39,7 @@ class CoverageState:
         Number of recorded frames that show each position within the plan's tolerance, ``(nz, ny, nx)``. The target is
         assumed to be at its planned pose.
     light
-        Sum over each frame of the samples minus the frame's median (counts), ``(frames,)`` in the plan's order; NaN for
+        Sum over each frame of the samples minus the frame's median (counts), ``(frames,)`` in the plan's order. NaN for
         frames that are not recorded or whose light is unknown.
     saturated
         Number of saturated pixels in each frame, ``(frames,)`` in the plan's order.
@@ -138,8 +138,8 @@ class LiveCoverage:
     def know(self, z: int, k: int, light: float = math.nan, saturated: int = 0) -> None:
         """Mark frame ``k`` of plane ``z`` as recorded.
 
-        ``light`` is the sum of its samples minus their median (counts), and ``saturated`` its number of saturated
-        pixels, which is ignored if ``light`` is NaN (unknown). A frame is counted only once.
+        ``light`` is the sum of its samples minus their median (counts). Its number of saturated pixels, ``saturated``,
+        is ignored if ``light`` is NaN (unknown). A frame is counted only once.
         """
         from lfcal.targets import covered_by
 

@@ -332,9 +332,9 @@ class Outcome:
     """Result of a run of a recording.
 
     ``how`` states how the run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``. ``acknowledged`` is the number of
-    positions whose frames are on disk, ``total`` the number of all positions, and ``seconds`` the recording time of
-    this run without pauses. ``damaged`` is the number of frames of earlier runs that were found damaged on resuming and
-    had to be taken again. ``notes`` lists omitted checks of the stage, and remarks about it.
+    positions whose frames are on disk, and ``total`` the number of all positions. The recording time of this run
+    without pauses is ``seconds``. ``damaged`` is the number of frames of earlier runs that were found damaged on
+    resuming and had to be taken again. ``notes`` lists omitted checks of the stage, and remarks about it.
     """
 
     how: str

@@ -373,8 +373,8 @@ class Schedule:
         Raises
         ------
         InputError
-            If a stored frame would extend beyond the sensor, no control frame fits on it, ``redo`` is empty, or a
-            position of ``redo`` or ``only`` is outside the plan.
+            If a stored frame would extend beyond the sensor, or no control frame fits on it. Also if ``redo`` is empty,
+            or a position of ``redo`` or ``only`` is outside the plan.
         """
         found = _Joined.of(blocks_of(plan, options, redo, only))
         shape = window_shape(plan, options)

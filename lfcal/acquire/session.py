@@ -57,7 +57,7 @@ def check_origin(
 ) -> None:
     """Raise `InputError` unless a new frame at the latest recorded position agrees with the recorded one.
 
-    The shift of the image must not exceed `Options.origin_tolerance_px` in rows and columns (None: no check), and the
+    The shift of the image must not exceed `Options.origin_tolerance_px` in rows and columns (None: no check). The
     correlation of the two images must be at least `CORRELATION`.
 
     Parameters
@@ -125,7 +125,7 @@ def iter_record(
         scale are unchanged. Every frame is checked first, and damaged frames are taken again. The new frames replace
         them in place, or are written to a separate file if the recording was packed.
     redo
-        Positions (z, y, x) of a finished session to record again, to a separate file; of several frames of a position,
+        Positions (z, y, x) of a finished session to record again, to a separate file. Of several frames of a position,
         the latest is used. Positions that the session does not have are added. Whole frames are numbered as in
         `lfcal.acquire.frame_plan`.
     only

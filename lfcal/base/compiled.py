@@ -359,8 +359,9 @@ def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Return a decorator that makes a function a `Kernel`, which is compiled at its first call and cached on disk.
 
     The ``options`` are those of `numba.njit`. By default, the kernel runs without the GIL. Two options make large
-    kernels compile faster. ``inline="always"`` is for a function that kernels call in one place: otherwise it is also
-    compiled for calls from Python, and again within each caller. ``_nrt=False`` is for kernels without allocations.
+    kernels compile faster. ``inline="always"`` is for a function that kernels call in one place. Otherwise, the
+    function is also compiled for calls from Python, and again within each caller. ``_nrt=False`` is for kernels without
+    allocations.
     """
     settings = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, **options}
     return lambda function: Kernel(function, settings)

@@ -252,8 +252,8 @@ def _remove(path: Path) -> bool:
 def only_writer(target: Path) -> Iterator[bool]:
     """Return a context in which a lock file excludes other writers of ``target``.
 
-    It yields whether the lock could be taken, which is not the case if the file system does not support locks, or if
-    the lock file belongs to another user.
+    It yields whether the lock could be taken. This is not the case if the file system does not support locks, or if the
+    lock file belongs to another user.
 
     Raises
     ------
@@ -385,7 +385,7 @@ def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[s
 class _Counted(io.BufferedRandom):
     """A file to which arrays are written through Python only.
 
-    numpy writes to a real file through the C library's buffers, and does not check whether the last kilobytes reached
+    numpy writes to a real file through the C library's buffers. It does not check whether the last kilobytes reached
     the disk.
     """
 

@@ -86,8 +86,8 @@ def ome_images(source: Path, name: str = "") -> tuple[list[Image], dict[str, Any
     Raises
     ------
     FileFormatError, UnsafeFileError, StorageError, InputError
-        If the folder does not contain images of numbers, uses a codec that is lossy or not safe, or cannot be read; or
-        if zarr is not installed.
+        If the folder does not contain images of numbers, uses a codec that is lossy or not safe, or cannot be read.
+        Also if zarr is not installed.
     """
     zarr = check_zarr()
     with storage_errors(source):

@@ -79,8 +79,9 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 def html_page(name: str, title: str, kind: str, sections: Iterable[str], footer: str) -> str:
     """Return an HTML page whose content security policy forbids scripts and external content.
 
-    ``name`` is the main heading, ``title`` the title of the document, ``kind`` a phrase shown with the time below the
-    heading, and ``footer`` the text at the end. The ``sections`` are HTML, which is not escaped; the others are text.
+    ``name`` is the main heading, and ``title`` the title of the document. The phrase ``kind`` is shown with the time
+    below the heading. The text ``footer`` is at the end. The ``sections`` are HTML, which is not escaped; the others
+    are text.
     """
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return (

@@ -1,7 +1,7 @@
 """Registries: parts found by name, from lfcal and from other packages.
 
-Each kind of part (image format, effect, metric, solver, page …) has a package, whose modules each define parts in one
-module attribute, and an entry point group for other packages. To add a part, add one module.
+Each kind of part (image format, effect, metric, solver, page …) has a package, and an entry point group for other
+packages. Each module of the package defines parts in one module attribute. To add a part, add one module.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ class _Helpers:
     """Persistent threads: starting new ones for each call would take longer than small problems themselves.
 
     The number of threads is the largest number that was needed at the same time; waiting threads cost nothing. The pool
-    of the standard library would grow without limit: it no longer counts a waiting thread as idle if another thread
+    of the standard library would grow without limit. It no longer counts a waiting thread as idle if another thread
     takes the work meant for it.
     """
 

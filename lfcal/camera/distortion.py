@@ -149,8 +149,8 @@ class LatticeDistortion:
     Raises
     ------
     InputError
-        If the number of terms is wrong, or if, within `REACH` times ``scale`` from the centre, the distortion reverses
-        the order of lenslets or shrinks an area to less than 0.1 of its size.
+        If the number of terms is wrong. Also if, within `REACH` times ``scale`` from the centre, the distortion
+        reverses the order of lenslets or shrinks an area to less than 0.1 of its size.
 
     Examples
     --------

@@ -42,8 +42,8 @@ class Draft:
     that are not set are assumed and marked as such.
 
     Two paths are added to those of `QUANTITIES`. The value of ``lattice.focus`` is the virtual depth at which each lens
-    type is in focus, and that of ``lattice.depth_ranges`` is a pair of virtual depths (near, far) for each lens type.
-    The value of ``lattice.types`` is the focal length of each lens type (µm).
+    type is in focus. That of ``lattice.depth_ranges`` is a pair of virtual depths (near, far) for each lens type. The
+    value of ``lattice.types`` is the focal length of each lens type (µm).
 
     Parameters
     ----------

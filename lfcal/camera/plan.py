@@ -68,8 +68,8 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
     Raises
     ------
     InputError
-        If the camera does not image a depth, a depth is too far from the focal plane of a microscope, or the depths are
-        neither strictly increasing nor strictly decreasing.
+        If the camera does not image a depth, or a depth is too far from the focal plane of a microscope. Also if the
+        depths are neither strictly increasing nor strictly decreasing.
     """
     checked = check_tuple("depths (µm)", depths)
     for z in checked:
@@ -235,7 +235,7 @@ class ScanPlan:
             geometric pattern at every depth, with a margin for diffraction by the lenslets. Without a lattice, this
             square is limited to the sensor.
         anchor
-            As in `ScanPlan`. None: the cell is centred on the sensor's centre to the nearest pixel; without a lattice,
+            As in `ScanPlan`. None: the cell is centred on the sensor's centre to the nearest pixel. Without a lattice,
             the single position is at the pixel nearest to the optical axis.
         stage, order, exposure_s, settle_s, frames_averaged, resample
             As in `ScanPlan`.

@@ -112,7 +112,7 @@ class RegionPlan:
 
         Ideally, the regions are equally spaced, and the outermost ones are as far from the centre as their cutouts
         allow. Anchors are integer pixels within a few periods of these ideal positions. They are chosen such that a
-        position of the scan has nearly the same phase relative to the lattice in every region; `residual_px` returns
+        position of the scan has nearly the same phase relative to the lattice in every region. `residual_px` returns
         the remaining difference.
 
         Raises

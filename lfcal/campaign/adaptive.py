@@ -259,8 +259,8 @@ def iter_adaptive(
     Raises
     ------
     InputError
-        If the noise of the frames would be unknown, the simulator computes patterns without lenslets, the session to
-        continue is that of a complete scan, or no camera of this kind explains the patterns.
+        If the noise of the frames would be unknown, or the simulator computes patterns without lenslets. Also if the
+        session to continue is that of a complete scan, or no camera of this kind explains the patterns.
     AcquisitionStopped
         If recording had to end early; it can be resumed.
 

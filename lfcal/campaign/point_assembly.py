@@ -32,9 +32,9 @@ def shown_positions(
     chief ray, whichever is larger.
 
     A point matches a position if its phase in the array's period matches. Its chief ray must also have the same offset
-    from the nearest pixel centre as that of the position. Both conditions are needed because the period is not a whole
-    number of pixels, and the same light displaced by half a pixel has a different pattern. Resampling cannot restore an
-    undersampled pattern; points with such patterns can only be used in a fit.
+    from the nearest pixel centre as that of the position. The period is not a whole number of pixels, and the same
+    light displaced by half a pixel has a different pattern. Both conditions are therefore needed. Resampling cannot
+    restore an undersampled pattern; points with such patterns can only be used in a fit.
 
     Parameters
     ----------

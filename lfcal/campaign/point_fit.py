@@ -1,7 +1,7 @@
 """Fit one camera to the points of a target, each at its actual position on the sensor and in the field.
 
-A part of the field is computed with the optics of its middle, so that derivatives with respect to all unknowns need
-only one set of tables per part. The remaining difference of a point's pattern hardly changes with the unknowns. It is
+A part of the field is computed with the optics of its middle. Derivatives with respect to all unknowns then need only
+one set of tables per part. The remaining difference of a point's pattern hardly changes with the unknowns. It is
 therefore computed occasionally and constant in between (`Measured.extra_light`); its last values are those of the
 fitted camera.
 
@@ -119,8 +119,8 @@ class PointOptics:
     def beyond(self, measured: Regional, setup: Setup) -> F8:
         """Return the additional distances ``(n,)`` (µm) of the points from the camera, in excess of `farther_um`.
 
-        They are values of a plane. It is fitted to the distances of the parts of the field in ``setup``, which may tilt
-        the target relative to its pose, minus `parts_um`. ``measured`` defines the parts.
+        They are values of a plane. It is fitted to the distances of the parts of the field in ``setup``, minus
+        `parts_um`. The ``setup`` may tilt the target relative to its pose. ``measured`` defines the parts.
         """
         parts = np.array([place.farther_um for place in setup.regions]) - self.parts_um
         return _plane(_middles(measured), parts, self.middles.astype(np.float64))

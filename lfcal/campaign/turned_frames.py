@@ -106,9 +106,9 @@ def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFra
     """Return the orientations in which patterns match the camera.
 
     The result is None if they match as delivered or in no orientation. It is also None if no conclusion is possible.
-    This is the case if there are no patterns, the frames do not have the shape of the sensor, the position of the
-    lattice is only assumed, or the camera cannot be simulated. Orientations that exchange rows and columns are compared
-    only on a square sensor.
+    This is the case if there are no patterns, or the frames do not have the shape of the sensor. It is also the case if
+    the position of the lattice is only assumed, or the camera cannot be simulated. Orientations that exchange rows and
+    columns are compared only on a square sensor.
 
     Parameters
     ----------

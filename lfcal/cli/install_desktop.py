@@ -103,8 +103,8 @@ def desktop_files(program: str) -> dict[str, bytes]:
 def _quoted(program: str) -> str:
     r"""Return a path for the ``Exec`` key of an entry: quoted, with special characters escaped.
 
-    The specification of desktop entries requires that characters are escaped twice: within the quotes, then as a string
-    of the file. ``%`` is doubled, because it begins a field code.
+    The specification of desktop entries requires that characters are escaped twice. They are escaped within the quotes,
+    then as a string of the file. ``%`` is doubled, because it begins a field code.
     """
     if not program.isprintable():  # a line break would begin another key of the entry
         raise InputError.expected("path of lfcal-gui", "printable text in UTF-8", program, "install it elsewhere")

@@ -137,10 +137,10 @@ class CameraDevice(Protocol):
     """Protocol for a camera that exposes on request.
 
     A camera that can change pixel values automatically (exposure, gain, black level, gamma) has an additional method,
-    ``fixed_settings()``. It returns a mapping from the name of each such setting to a `Setting` of two texts: the value
-    at which samples are proportional to light, such as ``"Off"``, and the value read back. The first is None for a
-    setting that is only recorded, such as the gain. The driver switches automatic functions off when it opens the
-    camera.
+    ``fixed_settings()``. It returns a mapping from the name of each such setting to a `Setting` of two texts. The first
+    is the value at which samples are proportional to light, such as ``"Off"``; the second is the value read back. The
+    first is None for a setting that is only recorded, such as the gain. The driver switches automatic functions off
+    when it opens the camera.
     """
 
     @property

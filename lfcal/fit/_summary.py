@@ -179,8 +179,8 @@ def degeneracies(
     values of the unknowns. ``named`` is the widening of a fitted unknown above which a fixed one is reported.
 
     A fixed unknown is included in the standard deviation of the fitted ones if it widens one of them by more than
-    `WIDENING_COUNTED`, or if its group is `assumed`. It must be determined to within `LARGEST_SIGMA`. Its error is that
-    with which the patterns determine it.
+    `WIDENING_COUNTED`. It is also included if its group is `assumed`. It must be determined to within `LARGEST_SIGMA`.
+    Its error is that with which the patterns determine it.
     """
     assumed = {group.name for group in GROUPS if group.assumed}
     inner = data[np.ix_(which, which)]

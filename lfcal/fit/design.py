@@ -247,7 +247,7 @@ def iter_next_positions(
 
     This is an I-optimal design. The squared relative error of H is trace(C M). C is the covariance of the unknowns from
     the patterns. M sums the outer products of the derivatives of the model with respect to the unknowns over all
-    candidate positions, and is divided by the summed squares of the model.
+    candidate positions. It is divided by the summed squares of the model.
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 
 If the unknowns of a fit have the covariance C, H is uncertain by ``sum_k xi_k D_k`` with independent standard normal
 ``xi_k``. Each ``D_k`` is the change of H for one step along an axis. A rotation of the axes does not change this
-distribution. The axes are rotated such that a few of them contain nearly the whole change of H: correlated unknowns
-are very uncertain, but H hardly depends on some of their combinations.
+distribution. The axes are rotated such that a few of them contain nearly the whole change of H. This is possible
+because H hardly depends on some combinations of correlated unknowns, although these are very uncertain.
 """
 
 from __future__ import annotations

@@ -122,8 +122,8 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
     Raises
     ------
     InputError
-        If there are fewer than two regions, they are closer to each other than two cutouts, or they differ in depths,
-        cutout, shape of the sensor, pixel size or pitch of the lenslets.
+        If there are fewer than two regions, or they are closer to each other than two cutouts. Also if they differ in
+        depths, cutout, shape of the sensor, pixel size or pitch of the lenslets.
     """
     parts = list(patterns.values())
     if len(parts) < 2:
@@ -305,7 +305,7 @@ def iter_fit_field(
     Raises
     ------
     InputError
-        If the regions belong to different cameras, the camera has no periodic array, no camera of this kind
+        If the regions belong to different cameras, or the camera has no periodic array. Also if no camera of this kind
         explains the patterns, or there are too few patterns.
     """
     described = camera or next(iter(patterns.values())).plan.camera

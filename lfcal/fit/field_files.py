@@ -92,7 +92,7 @@ def iter_write_field(
     known
         Facts about the source of the patterns of each region, as plain JSON types, by name of the region.
     hybrids, noise
-        Patterns for the hybrid H of each region, by name of the region (None: H is the model); constant and slope of
+        Patterns for the hybrid H of each region, by name of the region (None: H is the model). Constant and slope of
         the variance of a sample (None: as stated by the patterns).
     with_h
         Whether to compute and write H of each region.

@@ -302,8 +302,8 @@ CUT_PUPIL = (0.98, 0.96, 0.93, 0.9)
 def with_cut_pupil(problem: Problem, point: Point, core: Sequence[str]) -> Point:
     """Return ``point``, or a better point at which the edge of the pupil cuts lenslets of a Fourier microscope.
 
-    If the pupil is described as too large, its edge cuts no lenslet, and the derivatives with respect to the aperture
-    are zero. ``core`` are names of fitted groups; without ``"iris"``, ``point`` is returned.
+    If the pupil is described as too large, its edge cuts no lenslet. The derivatives with respect to the aperture are
+    then zero. ``core`` are names of fitted groups; without ``"iris"``, ``point`` is returned.
     """
     camera = problem.vector.setup_at(point.u).camera
     which = problem.vector.of_groups(["iris"])

@@ -142,7 +142,7 @@ class RecordedPatterns:
     def of(cls, source: PSFMatrix | Measured, planned: ScanPlan, given: tuple[float, float] | None) -> RecordedPatterns:
         """Return the patterns of ``source``.
 
-        ``given`` is the constant and the slope of the variance of a sample, and replaces the noise that an H states
+        ``given`` is the constant and the slope of the variance of a sample. It replaces the noise that an H states
         (None: as stated). For `Measured`, it is ignored. Raise `InputError` if the shape, depths or anchor of the
         patterns differ from ``planned``, or if their noise is unknown.
         """

@@ -71,7 +71,7 @@ class Information:
         The unknowns to fit; all matrices are in units of their scales.
     patterns
         ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern. J are the derivatives of its samples with respect to the
-        ``k`` unknowns, then the gain and the background of its plane; V is the covariance of the samples. The unknowns
+        ``k`` unknowns, then the gain and the background of its plane. V is the covariance of the samples. The unknowns
         of the single pattern are eliminated.
     wanted
         ``(k, k)``: for the covariance C of the unknowns, trace(C wanted) is the squared relative error (L2) of H.
@@ -115,8 +115,8 @@ def iter_information(
 
     Notes
     -----
-    The error of each plane of H is computed at its best overall brightness: D^T D - D^T m m^T D / m^T m, with the model
-    m of a plane and its derivatives D with respect to the unknowns.
+    The error of each plane of H is computed at its best overall brightness: D^T D - D^T m m^T D / m^T m. Here m is the
+    model of a plane, and D are its derivatives with respect to the unknowns.
     """
     vector = _problem(plan, index[:0], np.zeros((0, *plan.cutout)), setup, groups, workers).vector
     k, m = len(vector), int(np.prod(plan.cutout))

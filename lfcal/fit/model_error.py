@@ -184,9 +184,9 @@ def held_out_error(
     to all unknowns. ``spread`` is the covariance of the fitted unknowns, followed by the gains and then the backgrounds
     of the planes. ``among`` is a mask that selects patterns (None: all).
 
-    If none of these patterns was held out, the fitted ones are used. If the model is not ``complete``, all are used:
-    the residuals of the fitted patterns then exceed the noise, are hardly smaller than those of held-out patterns, and
-    are usually more numerous. Squared residuals contain the variance of the noise in addition to the error:
+    If none of these patterns was held out, the fitted ones are used. If the model is not ``complete``, all are used.
+    The residuals of the fitted patterns then exceed the noise. They are hardly smaller than those of held-out patterns,
+    and usually more numerous. Squared residuals contain the variance of the noise in addition to the error:
     E[(d - m)² - v] = error². Effects on single patterns, such as those of the lamp and of displaced sources, are not
     errors of the model. If they are less than half of the residual, however, they may be part of the error and are
     included.

@@ -87,8 +87,8 @@ class Normal:
         Sum of squared residuals with unchanged shared unknowns, and with the unknowns of single patterns at their best
         values.
     solved
-        C^-1 B^T and C^-1 h of each pattern. Before the elimination, C is the block for the unknowns of the pattern, B
-        the block that couples them to the k others, and h their part of the gradient. For a step d of the others, the
+        C^-1 B^T and C^-1 h of each pattern. Before the elimination, C is the block for the unknowns of the pattern, and
+        h their part of the gradient. B is the block that couples them to the k others. For a step d of the others, the
         step of the unknowns of the pattern is ``C^-1 h - C^-1 B^T d``.
     """
 
@@ -100,7 +100,7 @@ class Normal:
     def change(self, step: F8, which: NDArray[np.intp] | slice = slice(None)) -> float:
         """Return the decrease of the sum of squares that the equations predict for ``step``.
 
-        ``step`` contains the changes of the unknowns with the indices ``which``, by default of all; the other unknowns
+        ``step`` contains the changes of the unknowns with the indices ``which``, by default of all. The other unknowns
         of the equations do not change.
         """
         inner = self.matrix[which][:, which] if isinstance(which, slice) else self.matrix[np.ix_(which, which)]
@@ -117,9 +117,9 @@ def normal_equations(
 ) -> Normal:
     """Return the normal equations of n patterns.
 
-    ``columns`` contains the derivatives of the predictions ``model`` ``(n, m)`` at unit gain, ``seen`` the weighted
-    residuals, and ``planes`` ``(n,)`` the index of the depth plane of each pattern. The equations include the priors of
-    the unknowns of each pattern, ``local``, but not those of the shared unknowns.
+    ``columns`` contains the derivatives of the predictions ``model`` ``(n, m)`` at unit gain, and ``seen`` the weighted
+    residuals. The index of the depth plane of each pattern is in ``planes`` ``(n,)``. The equations include the priors
+    of the unknowns of each pattern, ``local``, but not those of the shared unknowns.
     """
     k, nz = len(columns.shared), len(levels.gains)
     size = k + 2 * nz

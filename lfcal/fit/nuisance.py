@@ -138,10 +138,11 @@ def response_of(problem: Problem, point: Point) -> Response:
     """Return the square of the relative rms variation of the pixel response, and its standard deviation.
 
     They are computed from products of residuals at the same pixel. The residuals are ``r = g m + noise``, where g is
-    the relative deviation of the response of the pixel, and m the predicted light. The product of the residuals of two
-    patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i m_j``, because their noise is independent. Errors of the
-    model contribute if they agree between patterns, so the result and its standard deviation are limited to the value
-    in the description of the camera. A result that is not significant is set to 0; its standard deviation is kept.
+    the relative deviation of the response of the pixel, and m the predicted light. The noise of two patterns ``i`` and
+    ``j`` is independent. The product of their residuals at a pixel therefore has the mean ``g² m_i m_j``. Errors of the
+    model contribute if they agree between patterns. The result and its standard deviation are therefore limited to the
+    value in the description of the camera. A result that is not significant is set to 0; its standard deviation is
+    kept.
     """
     measured = problem.measured
     described = measured.plan.camera.sensor.prnu**2

@@ -40,8 +40,8 @@ class ScanScales:
     planes
         Number of depth planes.
     reach_px
-        Lever arm of a rotation and of a change of the pitch (pixels): half the longer side of the cutout; for several
-        regions, plus the distance of the farthest region from ``middle_um``.
+        Lever arm of a rotation and of a change of the pitch (pixels), which is half the longer side of the cutout. For
+        several regions, the distance of the farthest region from ``middle_um`` is added.
     middle_um
         Middle (x, y) of the scanned region relative to the centre of the sensor (µm); for several regions, their mean.
     fields_um

@@ -208,9 +208,9 @@ def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
 def order_of_types(described: Camera, found: Camera) -> str:
     """Return the order in which the described lens types match the fitted ones, such as "1, 0, 2".
 
-    The text is empty if the camera has no periodic array, or if no other order matches at least twice as well as that
-    of the description. The focal lengths are compared: if the order is wrong, the fit finds the values of the
-    description, but for other types.
+    The text is empty if the camera has no periodic array. It is also empty if no other order matches at least twice as
+    well as that of the description. The focal lengths are compared: if the order is wrong, the fit finds the values of
+    the description, but for other types.
     """
     if not described.has_lattice:
         return ""

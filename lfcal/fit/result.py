@@ -115,7 +115,7 @@ class Fit:
         Descriptions of the quantities that were fixed to make the parameters unique.
     unidentified
         Combinations of parameters that this scan does not determine, and degeneracies with parameters that were tried
-        but stay fixed, because fitting them as well would greatly increase the uncertainties.
+        but stay fixed. Fitting these as well would greatly increase the uncertainties.
     outliers
         Patterns that were excluded, with the reason.
     answers

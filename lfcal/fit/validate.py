@@ -220,7 +220,7 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     Raises
     ------
     InputError
-        If all patterns are at positions used by the fit, they come from a sensor with another number of pixels, or a
+        If all patterns are at positions used by the fit, or come from a sensor with another number of pixels. Also if a
         pattern has fewer than nine usable samples, or no light above its noise.
     """
     known_of = fit if isinstance(fit, StoredFit) else StoredFit.of(fit)

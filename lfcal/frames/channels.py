@@ -97,8 +97,8 @@ class ChannelSource(SourceView):
         Raises
         ------
         InputError
-            If a cutout starts at another pixel of the pattern than the first cutout, or the frames show a part of the
-            sensor that does not start at the first pixel of the pattern.
+            If a cutout starts at another pixel of the pattern than the first cutout. Also if the frames show a part of
+            the sensor that does not start at the first pixel of the pattern.
         """
         info, (r0, c0), step = self.source.info(index), self._phase, self._step
         origin = info.origin if self._cut else self.known.origin or (0, 0)
@@ -293,9 +293,9 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
     colour filter.
 
     A step that moves the image by one pixel of the mosaic moves it by half a pixel of a Bayer channel. H needs steps of
-    whole pixels, so each channel of a Bayer pattern uses a quarter of the positions: those whose image is centred on
-    one of its pixels. The light pattern repeats after one cell of the lenslet array, but on the same colour only if the
-    cell is an even number of pixels. Otherwise two cells must be scanned.
+    whole pixels. Each channel of a Bayer pattern therefore uses a quarter of the positions: those whose image is
+    centred on one of its pixels. The light pattern repeats after one cell of the lenslet array, but on the same colour
+    only if the cell is an even number of pixels. Otherwise two cells must be scanned.
 
     Raises
     ------

@@ -38,8 +38,9 @@ def stated_noise(camera: Camera) -> Noise | None:
 class DescribedSource(SourceView):
     """View of a source that adds the exposure times and sensor values of the plan where the frames state none.
 
-    Sensor values (bit depth, saturation, black level, colour filter pattern and noise) are added only to raw samples:
-    integers with enough bits for the sensor's bit depth. Floating-point frames are assumed to have been processed.
+    Sensor values (bit depth, saturation, black level, colour filter pattern and noise) are added only to raw samples.
+    Raw samples are integers with enough bits for the sensor's bit depth. Floating-point frames are assumed to have been
+    processed.
     """
 
     def __init__(self, source: FrameSource, plan: ScanPlan) -> None:

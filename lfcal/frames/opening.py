@@ -61,9 +61,15 @@ def open_frames(
     Parameters
     ----------
     path
-        A folder of images; a manifest, or a list written by another program (``.csv``, ``.tsv``, ``.txt``, ``.json``),
-        in the folder of its files; a file of many frames (multi-page TIFF, ``.npy``, or HDF5, to which the dataset may
-        be appended: ``scan.h5::/entry/data/data``); the folder of a recorded session; or a scan plan (``.json``).
+        Path of one of these:
+
+        - a folder of images
+        - a manifest, or a list written by another program (``.csv``, ``.tsv``, ``.txt``, ``.json``), in the folder of
+          its files
+        - a file of many frames: multi-page TIFF, ``.npy`` or HDF5; the dataset may be appended to the path of an HDF5
+          file, as in ``scan.h5::/entry/data/data``
+        - the folder of a recorded session
+        - a scan plan (``.json``)
     manifest
         A manifest or its path; ``manifest.json`` or ``manifest.csv`` in a folder is found automatically.
     pattern

@@ -136,10 +136,10 @@ turn anticlockwise; ``"rot180"``: numpy.rot90(f, 2); ``"rot270"``: numpy.rot90(f
 def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
     """Return the orientation of frames whose image motion is closest to ``moves``, and the residual.
 
-    The columns of ``moves`` ``(2, 2)`` are the observed motions (down, right; px) of the image for a planned motion of
-    one pixel down and of one pixel right. For upright frames, ``moves`` is the unit matrix. The residual is the
-    Frobenius norm of the difference between ``moves`` and the motions in frames that exactly need the returned
-    orientation.
+    The columns of ``moves`` ``(2, 2)`` are observed motions (down, right; px) of the image. The first is for a planned
+    motion of one pixel down, the second for one pixel right. For upright frames, ``moves`` is the unit matrix. The
+    residual is the Frobenius norm of the difference between ``moves`` and the motions in frames that exactly need the
+    returned orientation.
 
     Examples
     --------

@@ -34,8 +34,8 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
     """Return all positions (z, y, x) of a scan of shape ``plan_shape`` (nz, ny, nx) in the order of recording.
 
     In ``"raster"`` order, x varies fastest, then y, then z, always in the same direction. ``"serpentine"`` order
-    reverses the direction after each row and each plane, so that every move is a single step, as in
-    `lfcal.camera.ScanPlan`.
+    reverses the direction after each row and each plane, as in `lfcal.camera.ScanPlan`. Every move is then a single
+    step.
 
     Raises
     ------
@@ -265,7 +265,7 @@ class NameGuess:
         none if they contain no position. There are several if no words precede the numbers, and the scan shape does not
         determine which number belongs to which axis.
     numbered
-        Number of names of the most frequent form if they differ in only one number; the files may then be numbered in
+        Number of names of the most frequent form if they differ in only one number. The files may then be numbered in
         scan order. Otherwise 0.
     fitting, names
         Number of names of the most frequent form (names that differ only in their numbers), and number of all names.

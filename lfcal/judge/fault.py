@@ -176,7 +176,7 @@ class Fault:
         Sort key of the search. The effect of a fault that is found is removed from the patterns, or its pixels are
         ignored, before the next fault is searched for.
     strong_rank
-        Earlier rank at which the fault is also searched for; it is reported if it explains most of the residual,
+        Earlier rank at which the fault is also searched for. It is reported if it explains most of the residual,
         because other faults would otherwise be reported instead. None: it is searched for only once.
 
     Examples

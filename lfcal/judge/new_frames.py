@@ -43,8 +43,8 @@ def new_frames(
     Raises
     ------
     InputError
-        If the size of the frames or of the sensor of ``plan`` does not match the sensor of H, or if a depth of ``plan``
-        is not among those of H.
+        If the size of the frames or of the sensor of ``plan`` does not match the sensor of H. Also if a depth of
+        ``plan`` is not among those of H.
     """
     _check_grid(matrix, view, plan or plan_of(matrix), source)
     if plan is None:

@@ -104,8 +104,8 @@ def pair(
     Raises
     ------
     InputError
-        If the periods or the numbers of pixels per sensor pixel differ, if no depth is common, or if an H is complex;
-        with ``by_index``, if the shapes differ.
+        If the periods or the numbers of pixels per sensor pixel differ, no depth is common, or an H is complex. With
+        ``by_index``, also if the shapes differ.
     """
     first, second = (_straight(m) for m in (a, b))
     for matrix, which in ((first, "first"), (second, "second")):

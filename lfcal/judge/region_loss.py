@@ -27,8 +27,8 @@ class RegionLoss:
     anchors
         Sensor position (row, column) of position (0, 0) of each region, ``(n, 2)`` (pixels).
     error
-        ``|a / s - b| / |b|`` (L2) of each pattern, ``(n, nz, ny, nx)``; NaN if not compared. Here a is the pattern, b
-        the pattern of the first region at the same position, and s the factor that makes their sums equal.
+        ``|a / s - b| / |b|`` (L2) of each pattern, ``(n, nz, ny, nx)``; NaN if not compared. Here a is the pattern, and
+        b the pattern of the first region at the same position. The factor s makes their sums equal.
     shift_px
         Root mean square of the shifts of the centroids from those of the first region, ``(n,)`` (pixels).
     """

@@ -89,8 +89,8 @@ class Course:
     span_s
         Time from the first compared value to the last (s); NaN for fewer than two.
     per_month, per_month_sigma
-        Slope of the line through the compared values, and its standard deviation; NaN if unknown, for fewer than two
-        values, or if they span less than `SHORTEST_S`.
+        Slope of the line through the compared values, and its standard deviation. Both are NaN if unknown, for fewer
+        than two values, or if they span less than `SHORTEST_S`.
     change, change_sigmas
         Change from the oldest to the newest compared value, absolute and in combined standard deviations; NaN if
         unknown.
@@ -220,7 +220,7 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
     """Return the changes of values over several sessions.
 
     Parameters of fits are compared only if they have the same meaning. They must be fitted with the same groups of
-    unknowns as in the newest fit and, if they are relative to planned depths, with the same planned depths. Offsets are
+    unknowns as in the newest fit. If they are relative to planned depths, these must also be the same. Offsets are
     relative to the description of each fit. Therefore, the position of the array at the middle of the scanned region is
     compared instead.
 
@@ -234,7 +234,7 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
     Raises
     ------
     InputError
-        If there are fewer than two sessions, there are both fits and inspections, fits belong to several cameras or
+        If there are fewer than two sessions, or both fits and inspections. Also if fits belong to several cameras or
         have the same time, or ``sigmas`` is not positive.
     """
     check_number("threshold of an alarm (standard deviations)", sigmas, above=0)

@@ -354,7 +354,7 @@ def select_form(
     """Fit every form and return the best-supported one.
 
     A form with more parameters is chosen if it predicts held-out blocks better, by more than chance and by
-    `MIN_GAIN_SHARE`, and moves the lenslets by at least `MIN_GAIN_PX`.
+    `MIN_GAIN_SHARE`. It must also move the lenslets by at least `MIN_GAIN_PX`.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def register(
 ) -> None:
     """Fit ``I(p) = g T(p - c - d) + b`` to each lenslet, linearised in the shift d (Lucas and Kanade 1981).
 
-    To first order, I = g T - g d.grad T + b. The unknowns g, b, -g d_x, -g d_y are linear, and their normal equations
+    To first order, I = g T - g d.grad T + b. The unknowns g, b, -g d_x, -g d_y are linear. Their normal equations
     ``(4, 4)`` are summed over the pixels within the support. ``out`` ``(n, 5)`` receives `SHIFT_X` and so on; NaN if
     the system is singular.
     """

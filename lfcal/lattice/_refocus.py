@@ -78,7 +78,7 @@ def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image
     slopes
         Slope w of each plane (see `sensor_slope`); 0 for the plane that is imaged onto the lenslets.
     samples
-        Number of image samples per view sample along each axis; more than one is useful for planes with large slopes,
+        Number of image samples per view sample along each axis. More than one is useful for planes with large slopes,
         where the samples of the views interleave.
 
     Raises

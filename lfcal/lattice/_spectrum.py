@@ -375,8 +375,8 @@ def _candidates(peaks: Array, kind: str | None) -> list[tuple[str, Array]]:
 def upright(basis: Array, kind: str) -> Array:
     """Return an equivalent basis whose first vector is closest in direction to a sensor axis.
 
-    The second vector is rotated from the first in the direction from x to y, by about 60 degrees for a hexagonal
-    lattice and 90 for a square one.
+    The second vector is rotated from the first in the direction from x to y. The angle is about 60 degrees for a
+    hexagonal lattice and 90 for a square one.
     """
     pairs = [(1, 0), (0, 1), (-1, 0), (0, -1)]
     if kind == "hexagonal":

@@ -204,7 +204,7 @@ def view_grid(
         ``"frame"``: rows and columns are parallel to those of the frame, so that views have the orientation of the
         frame at any angle of the lattice. A sample between lenslets is interpolated in lattice indices from the four
         (hexagonal: three) lenslets around it, also for a distorted lattice. ``"lattice"``: rows are those of the
-        lattice. The samples of a square lattice are its lenslets; those of a hexagonal lattice are between two lenslets
+        lattice. The samples of a square lattice are its lenslets. Those of a hexagonal lattice are between two lenslets
         of their row.
     full
         False: return the largest box that contains only seen samples. True: return the complete field, with a mask of

@@ -1,8 +1,8 @@
 """Compiled inner loops of views and rendering.
 
 A view takes the pixels under each lenslet of any lattice. Measurement (v, u) of lenslet m is the frame at corner[m] +
-step * (v, u), interpolated by convolution with a kernel of 1, 2 or 4 taps: nearest, linear, or cubic (Keys 1981, a =
--1/2). In rendering, every lenslet adds its light to the points that it sees.
+step * (v, u). It is interpolated by convolution with a kernel of 1, 2 or 4 taps: nearest, linear, or cubic (Keys 1981,
+a = -1/2). In rendering, every lenslet adds its light to the points that it sees.
 """
 
 from __future__ import annotations

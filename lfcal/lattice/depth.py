@@ -127,8 +127,9 @@ def iter_depth_map(
     method
         ``"micro-images"``: match each micro-image with its neighbours, for lenslets that are focused on the scene.
         ``"views"``: compare the views refocused on several planes, for lenslets focused at infinity. ``"auto"``: choose
-        by the focus of the camera's lenslets; without a camera, choose ``"views"`` if ``slopes`` are between -1.5 and
-        1.5, and otherwise the method with the higher mean confidence in the middle of the frame.
+        by the focus of the camera's lenslets. Without a camera, ``"auto"`` chooses ``"views"`` if ``slopes`` are
+        between -1.5 and 1.5. Otherwise, it chooses the method with the higher mean confidence in the middle of the
+        frame.
     slopes
         Smallest and largest slope to consider (see `sensor_slope`). None: for ``"micro-images"``, the slopes that the
         camera's lenslets show, or without a camera all slopes beyond ±1.5; for ``"views"``, -8 to 8.
@@ -145,7 +146,7 @@ def iter_depth_map(
     Raises
     ------
     InputError
-        If the shape of a frame or of the mask differs from that of the lattice, no micro-image is complete,
+        If the shape of a frame or of the mask differs from that of the lattice, or no micro-image is complete. Also if
         ``radius_px`` is less than 2 or more than the pitch, or ``slopes`` are outside the limits of the method.
 
     Examples
@@ -508,8 +509,8 @@ def _joined(joined: Image, raster: Raster, pitch: float) -> DepthMap:
 def _smoothed(light: Image, good: Image) -> tuple[Image, Image]:
     """Return the light after a filter (1, 2, 1) along both axes: linear interpolation is then accurate.
 
-    Only good pixels contribute. A pixel stays good if one neighbour is missing; at the rim of a micro-image, where a
-    whole row is missing, the rest would show a point further inside.
+    Only good pixels contribute. A pixel stays good if one neighbour is missing. At the rim of a micro-image, a whole
+    row is missing, and the rest would show a point further inside.
     """
     from lfcal.base import cv2
 

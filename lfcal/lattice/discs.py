@@ -78,9 +78,9 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
     Raises
     ------
     InputError
-        If the camera has a periodic lattice, the frame does not show the whole sensor, the numbers of discs and
-        lenslets differ, a disc is truncated by the edge of the frame, or the discs are far from the positions in the
-        description.
+        If the camera has a periodic lattice, or the frame does not show the whole sensor. Also if the numbers of discs
+        and lenslets differ, a disc is truncated by the edge of the frame, or the discs are far from the positions in
+        the description.
 
     Examples
     --------

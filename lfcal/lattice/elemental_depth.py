@@ -1,10 +1,10 @@
 """Depth from one frame of a Fourier light-field microscope: disparity between elemental images.
 
-Each lenslet images the whole field through its part of the pupil. With the position c of a lenslet from the optical
-axis at o, a point at the depth z and the lateral position X appears at o + c + m X + w c/cos θ. Here m is the
-magnification, w = -z B M²/(n f²) is `PupilLenslets.spread`, the slope of these cameras, and θ is the angle of the
-lenslet's light in the object. By the sine condition, sin θ = |c| M/(n f) (Guo et al. 2019, Opt. Express 27, 25573).
-Elemental images are therefore views that move along c with the depth.
+Each lenslet images the whole field through its part of the pupil. Let c be the position of a lenslet from the optical
+axis at o. A point at the depth z and the lateral position X then appears at o + c + m X + w c/cos θ. Here m is the
+magnification, and θ is the angle of the lenslet's light in the object. The slope of these cameras is
+w = -z B M²/(n f²), as given by `PupilLenslets.spread`. By the sine condition, sin θ = |c| M/(n f) (Guo et al. 2019,
+Opt. Express 27, 25573). Elemental images are therefore views that move along c with the depth.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ def iter_elemental_depth(
     Raises
     ------
     InputError
-        If the camera is not a Fourier light-field microscope, the frame contains the centres of fewer than two
-        elemental images, the shapes differ, or ``slopes`` are not in order.
+        If the camera is not a Fourier light-field microscope, or the frame contains the centres of fewer than two
+        elemental images. Also if the shapes differ, or ``slopes`` are not in order.
 
     Examples
     --------

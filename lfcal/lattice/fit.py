@@ -63,7 +63,7 @@ def fit_lattice(
     Three steps are then repeated. The mean micro-image is computed. Each lenslet is located with it to a fraction of a
     pixel (least squares, Lucas and Kanade 1981). A flexible lattice is fitted robustly to the positions. The form of
     the lattice is then selected: straight, or with a distortion. Finally, the lattice is shifted to the centre of the
-    iris, because micro-images of an iris with an odd number of corners are not point-symmetric about that centre.
+    iris. Micro-images of an iris with an odd number of corners are not point-symmetric about that centre.
 
     Parameters
     ----------

@@ -277,9 +277,9 @@ def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Arr
     """Return the best estimates ``(n, 2)`` of the lenslets' positions (pixels).
 
     The estimate is the position in the lattice plus a fraction of the weighted mean deviation of the neighbours. The
-    fraction is the part of this mean that is common to the neighbours (James and Stein 1961). If the deviations were
-    only scatter, the variance of the mean with the weights w would be sum(w²)/sum(w)² times that of a single deviation.
-    If too few positions are measured, the estimate is the position in the lattice.
+    fraction is the part of this mean that is common to the neighbours (James and Stein 1961). Suppose that the
+    deviations were only scatter. The variance of the mean with the weights w would then be sum(w²)/sum(w)² times that
+    of a single deviation. If too few positions are measured, the estimate is the position in the lattice.
 
     Parameters
     ----------

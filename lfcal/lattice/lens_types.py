@@ -148,8 +148,8 @@ def classify_lens_types(
     Raises
     ------
     InputError
-        If the lattice is not hexagonal, the shape of the frame differs from that of the lattice, two types have the
-        same expected blur, or the frame does not determine the assignment.
+        If the lattice is not hexagonal, or the shape of the frame differs from that of the lattice. Also if two types
+        have the same expected blur, or the frame does not determine the assignment.
 
     Examples
     --------

@@ -31,7 +31,7 @@ class Views:
     ----------
     images
         Views from the pixels that are displaced by `offsets` in v (down) and u (right) from the centre of each
-        micro-image, ``(nv, nu, rows, columns)`` float32; 0 where no lenslet sees a sample.
+        micro-image, ``(nv, nu, rows, columns)`` float32. They are 0 where no lenslet sees a sample.
     weights
         Weight of each sample, ``(nv, nu, rows, columns)``: the same views of a white frame, scaled to a maximum of 1,
         or a mask of the aperture.
@@ -144,7 +144,7 @@ def extract_views(
     Raises
     ------
     InputError
-        If the shape of a frame differs from that of the lattice, the frame contains no complete micro-image, or
+        If the shape of a frame differs from that of the lattice, or the frame contains no complete micro-image. Also if
         ``radius_px`` is less than 1 or more than the pitch.
 
     Examples

@@ -50,7 +50,7 @@ def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
     Parameters
     ----------
     fit
-        Lattice fitted to a white image from which the dark level was subtracted; a remaining pedestal would reduce the
+        Lattice fitted to a white image from which the dark level was subtracted. A remaining pedestal would reduce the
         apparent fall-off.
     degree
         Maximum degree of the polynomial surface; with only a few lenslets, a lower degree is used.

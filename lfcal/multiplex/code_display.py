@@ -90,7 +90,7 @@ def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
     Parameters
     ----------
     step_um
-        Distance in the object plane whose image is one sensor pixel (µm): the sensor's pixel pitch divided by the
+        Distance in the object plane whose image is one sensor pixel (µm). It is the sensor's pixel pitch divided by the
         magnification (`lfcal.camera.Camera.step_um` at the depth of the plane).
     pixel_um
         Pixel pitch of the display, as it appears in that plane (µm).
@@ -146,8 +146,8 @@ def display_frames(
     Raises
     ------
     InputError
-        If the shapes of ``code`` and ``places`` do not match, the block is larger than the display or than ``repeat``,
-        or two points share a display pixel.
+        If the shapes of ``code`` and ``places`` do not match, or the block is larger than the display or than
+        ``repeat``. Also if two points share a display pixel.
 
     Examples
     --------

@@ -187,8 +187,8 @@ class CodingNumbers:
     rms_db
         Gain in the rms error over all entries of the patterns (dB).
     core_db, dark_db
-        Gain in the rms error over the bright entries, with at least half of the peak of their pattern, and over the
-        dark ones, with at most a hundredth of it (dB); NaN if there are none.
+        Gain in the rms error over the bright entries, and over the dark ones (dB); NaN if there are none. Bright
+        entries have at least half of the peak of their pattern, dark ones at most a hundredth of it.
     better
         Fraction of the entries whose error is smaller with the code, 0 to 1.
     exposure

@@ -52,8 +52,8 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
     Raises
     ------
     InputError
-        If a letter is not a key of ``filters``, the rows have different lengths, the letters of a pattern without
-        slashes do not fill a square, or a side of the pattern exceeds 16 filters.
+        If a letter is not a key of ``filters``, or the rows have different lengths. Also if the letters of a pattern
+        without slashes do not fill a square, or a side of the pattern exceeds 16 filters.
     """
     if not isinstance(pattern, str):
         raise InputError.expected(

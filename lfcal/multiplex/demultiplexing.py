@@ -60,8 +60,8 @@ def demultiplex(
         Pixel ``(row, column)`` of the frame that is the first pixel of a super-pixel.
     rcond
         Singular values of `Modulator.matrix` up to this fraction of the largest one count as zero. None:
-        `default_rcond`. With ``weights``, the singular values are those of the weighted matrix W^(1/2) A at each
-        output position, and the default is 1e-5.
+        `default_rcond`. With ``weights``, the singular values are those of the weighted matrix W^(1/2) A at each output
+        position. The default is then 1e-5.
     weights
         Weight of each pixel, ``(rows, columns)``: its inverse variance, or 0 for saturated and dead pixels
         (`pixel_weights`). Channels are then interpolated linearly from pixels of nonzero weight and decorrelated by

@@ -77,7 +77,7 @@ def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
         Modulator; pixels at the border of its super-pixel exchange light with the next super-pixel. With lenslets,
         light from a neighbouring cell is treated as light of the same cell.
     share
-        Fraction of a pixel's light or charge that it loses, 0 to 0.5; a quarter of it reaches each of the four
+        Fraction of a pixel's light or charge that it loses, 0 to 0.5. A quarter of it reaches each of the four
         neighbours.
 
     Examples
@@ -241,7 +241,7 @@ def best_printed_mask(
     """Search for the printable mask with the largest SNR gain over a pinhole with equal crosstalk; return a `Design`.
 
     If there are at most 20 000 candidates, all of them are tried. Otherwise, the best grey mask (`best_mask`), known
-    masks and random masks are rounded to the printable levels, and then changed pixel by pixel as long as this
+    masks and random masks are rounded to the printable levels. They are then changed pixel by pixel as long as this
     increases the gain. The bound is then that for arbitrary masks (`mask_gain_bound`) plus the loss of the pinhole due
     to crosstalk.
 

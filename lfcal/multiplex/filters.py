@@ -71,9 +71,9 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     Returns
     -------
     tuple
-        For each output sample of a super-pixel and each pixel along the axis: super-pixel of the first tap ``(samples,
-        side)``, relative to that of the output sample, and weights of the taps ``(samples, side, taps)``, which add up
-        to one.
+        Two arrays for each output sample of a super-pixel and each pixel along the axis. The first,
+        ``(samples, side)``, contains the super-pixel of the first tap, relative to that of the output sample. The
+        second, ``(samples, side, taps)``, contains the weights of the taps, which add up to one.
     """
     check_choice("filter", name, tuple(_TAPS))
     taps = _TAPS[name]
@@ -94,9 +94,9 @@ def dirichlet_table(count: int, side: int, positions: Array, samples: int) -> Ar
     """Return the weights of the periodic sinc that interpolates the ``count`` samples of each channel along one axis.
 
     Their shape is ``(side, count * samples, count)``: channel, output sample, sample of the channel. At the distance t
-    (in samples of the channel), the filter is sin(pi t)/(count tan(pi t/count)) for even counts, in which the highest
-    positive and negative frequencies have half the weight of the others, and sin(pi t)/(count sin(pi t/count)) for odd
-    counts. ``side``, ``positions`` and ``samples`` are as in `tap_table`.
+    (in samples of the channel), the filter is sin(pi t)/(count tan(pi t/count)) for even counts. The highest positive
+    and negative frequencies then have half the weight of the others. For odd counts, it is
+    sin(pi t)/(count sin(pi t/count)). ``side``, ``positions`` and ``samples`` are as in `tap_table`.
     """
     wanted = (np.arange(count * samples) + 0.5) * side / samples - 0.5
     t = (wanted[None, :, None] - positions[:, None, None]) / side - np.arange(count)

@@ -200,8 +200,8 @@ demultiplex_generally = drained(
 def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, int], shift_px: float) -> Array:
     """Return the transmission of each view through a mask at each pixel of a frame, ``(views, rows, columns)``.
 
-    The mask need not be periodic. The transmission for the view v, relative to the middle view, at the pixel x is
-    m(x - s v), with the mask m and the shift s (Ihrke et al., eq. 9). Each pixel averages over its area the cells of
+    The mask need not be periodic. The transmission for the view v at the pixel x, relative to the middle view, is
+    m(x - s v). Here m is the mask and s the shift (Ihrke et al., eq. 9). Each pixel averages over its area the cells of
     the mask, which are one pixel wide. Outside the pattern, the mask is opaque.
 
     Parameters

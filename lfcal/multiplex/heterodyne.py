@@ -247,8 +247,8 @@ def lattice_by_sinc(
 
     The trigonometric polynomial through the frame is evaluated at each pixel of the super-pixels, also between the
     sensor pixels. Each channel is interpolated to ``places`` with those frequencies of the frame that are in one cell
-    of the reciprocal lattice, and the channels are decorrelated there. The number of operations for each channel is
-    about the number of pixels of the frame times the number of super-pixels. ``rcond`` is as in `demultiplex_lattice`.
+    of the reciprocal lattice. The channels are decorrelated there. The number of operations for each channel is about
+    the number of pixels of the frame times the number of super-pixels. ``rcond`` is as in `demultiplex_lattice`.
 
     Raises
     ------

@@ -51,9 +51,9 @@ class Offsets(NamedTuple):
 class _Source(NamedTuple):
     """Data from which samples are computed.
 
-    The fields are the grid of super-pixels, the fractions of super-pixels in each sample (sparse matrices, of which
-    ``wide`` includes the surrounding super-pixels), the shape of the frame, its light times the square root of the
-    weights, and the weights of the pixels.
+    The fields are the grid of super-pixels, the fractions of super-pixels in each sample, the shape of the frame, its
+    light times the square root of the weights, and the weights of the pixels. The fractions are sparse matrices, of
+    which ``wide`` includes the surrounding super-pixels.
     """
 
     grid: ViewGrid
@@ -294,9 +294,9 @@ def lattice_channels_weighted(
 ) -> WeightedSamples:
     """Return measurement channels, as in `lattice_channels`, from weighted pixels, and their standard deviations.
 
-    Interpolation is linear between pixels and super-pixels, with the weight of each pixel. If all pixels of a channel
-    at an output position have the weight 0, pixels of the same channel in super-pixels up to two rows and columns away
-    are used.
+    Interpolation is linear between pixels and super-pixels, with the weight of each pixel. All pixels of a channel at
+    an output position may have the weight 0. Pixels of the same channel in super-pixels up to two rows and columns away
+    are then used.
 
     Parameters
     ----------
@@ -438,8 +438,8 @@ def demultiplex_lattice(
         channel at its actual position.
     rcond
         Singular values of `Modulator.matrix` up to this fraction of the largest one count as zero. None:
-        `default_rcond`. With ``weights``, the singular values are those of the weighted matrix W^(1/2) A at each
-        output position, and the default is 1e-5.
+        `default_rcond`. With ``weights``, the singular values are those of the weighted matrix W^(1/2) A at each output
+        position. The default is then 1e-5.
     weights
         As in `lattice_channels`; only for the spatial route with the linear filter. `demultiplex_lattice_weighted` also
         returns the noise.

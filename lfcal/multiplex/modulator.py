@@ -33,7 +33,7 @@ class Modulator:
     It defines the fraction m of the plenoptic sample p (a view, a colour, or both) that a pixel at x measures. Samples
     are ordered by view (in row-major order), and within a view by colour. The unmodulated light at a pixel is 1,
     distributed over the N samples as in `light`. If a pixel measures a sample completely, its entry in `matrix` is 1. A
-    lenslet concentrates the light of its entire cell on one pixel for each view; the entry of this pixel is the number
+    lenslet concentrates the light of its entire cell on one pixel for each view. The entry of this pixel is the number
     of pixels in the cell.
 
     Attributes

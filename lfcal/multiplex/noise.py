@@ -91,8 +91,8 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
 
     Here, alpha is `amplification`, tau is `transmission`, and s^2 = s_c^2 + tau s_p^2 is the noise variance of a pixel.
     Its parts are the variance s_c^2 of additive noise and the variance s_p^2 of photon noise at full scale, with
-    chi^2 = s_p^2 / s_c^2 (eq. 12). Super-pixels of different size are compared per pixel: alpha is multiplied by
-    sqrt(K) for K pixels, so that repeating a pattern does not change the gain. A modulator that does not recover every
+    chi^2 = s_p^2 / s_c^2 (eq. 12). Super-pixels of different size are compared per pixel. For K pixels, alpha is
+    multiplied by sqrt(K), so that repeating a pattern does not change the gain. A modulator that does not recover every
     sample has a gain of minus infinity.
 
     Parameters

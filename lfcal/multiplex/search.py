@@ -245,10 +245,10 @@ def best_mask(
 ) -> Modulator:
     """Search for the attenuation mask of ``size`` x ``size`` px with the largest SNR gain over a pinhole at ``chi2``.
 
-    The search starts from known masks, from random masks with various fractions of open pixels, and from the best mask
-    so far with a few pixels inverted. For small masks (up to `MAX_EXHAUSTIVE` pixels per side), it also starts from the
-    best binary mask. The result is at least as good as every starting point; `mask_gain_bound` returns an upper bound
-    on its gain.
+    The search starts from known masks, and from random masks with various fractions of open pixels. It also starts from
+    the best mask so far with a few pixels inverted. For small masks (up to `MAX_EXHAUSTIVE` pixels per side), it also
+    starts from the best binary mask. The result is at least as good as every starting point; `mask_gain_bound` returns
+    an upper bound on its gain.
 
     Parameters
     ----------

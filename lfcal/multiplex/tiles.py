@@ -73,10 +73,10 @@ def tiled_modulator(
 ) -> Modulator:
     """Return a modulator whose super-pixel is a tile of any shape.
 
-    ``pixels`` contains the (row, column) of each pixel of the tile, ``vectors`` the two steps (rows, columns) by which
-    the tile is repeated, and ``matrix`` the transmission of the N samples at each pixel of the tile, ``(pixels, N)``.
-    Gains are per pixel and therefore do not change if a rectangular period contains the tile several times.
-    `demultiplex` uses each pixel of the period as a channel; if that reduces the resolution, use
+    The argument ``pixels`` contains the (row, column) of each pixel of the tile. The tile is repeated by the two steps
+    ``vectors`` (rows, columns). The array ``matrix`` ``(pixels, N)`` contains the transmission of the N samples at each
+    pixel of the tile. Gains are per pixel and therefore do not change if a rectangular period contains the tile several
+    times. `demultiplex` uses each pixel of the period as a channel; if that reduces the resolution, use
     `demultiplex_generally`. ``name``, ``colours`` and ``light`` are attributes of `Modulator`.
 
     Examples

@@ -175,8 +175,8 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
     """Return the weighted least-squares samples ``(N, n)`` at n positions and their variances, of the same shape.
 
     ``matrix`` ``(K, N)`` maps samples to channels, whose ``values`` and ``weights`` have the shape ``(K, n)``. If the
-    weighted equations do not have full rank, the result is the solution of least norm, and samples that are not
-    determined have infinite variance. ``rcond`` is as in `reconstruct_weighted`.
+    weighted equations do not have full rank, the result is the solution of least norm. Samples that are not determined
+    then have infinite variance. ``rcond`` is as in `reconstruct_weighted`.
     """
     inverse, lost = weighted_inverse(matrix, weights, rcond)
     found = np.einsum("pij,pj->ip", inverse, (weights * values).T @ matrix)

@@ -264,8 +264,8 @@ def iter_export(
     ------
     InputError
         If the suffix is unknown, or its format does not use an option. Also if positions are missing that the format
-        cannot mark (without ``allow_missing``), ``code`` cannot use this H, or a ``run`` is given for a matrix without
-        a file.
+        cannot mark, without ``allow_missing``. Also if ``code`` cannot use this H, or a ``run`` is given for a matrix
+        without a file.
     StorageError
         If the file cannot be written; with a ``run``, as in `lfcal.work.iter_made`.
 

@@ -56,8 +56,8 @@ def transpose(
     Raises
     ------
     InputError
-        If the shape is not that of a PSF matrix, the dtype is not numeric, ``out`` has another shape or dtype or
-        overlaps H, or the method requires an odd period and the period is even.
+        If the shape is not that of a PSF matrix, or the dtype is not numeric. Also if ``out`` has another shape or
+        dtype or overlaps H, or the method requires an odd period and the period is even.
 
     Examples
     --------
@@ -265,8 +265,8 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
 def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     """Return the sum of a depth plane over all positions, ``(nt, ns)``, in float64 (complex128 for complex H).
 
-    Every value is added in double precision: for n positions the relative error of a sum of non-negative values is
-    below n * 2**-53, and integer sums up to 2**53 are exact.
+    Every value is added in double precision. For n positions, the relative error of a sum of non-negative values is
+    below n * 2**-53. Integer sums up to 2**53 are exact.
 
     Parameters
     ----------

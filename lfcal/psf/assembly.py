@@ -99,8 +99,8 @@ class Assembly:
     Raises
     ------
     InputError
-        If no frame is in the plan or a frame is outside it, if a cutout extends beyond the sensor and is not padded,
-        or with ``strict``, if a position is missing or repeated. The message states the position.
+        If no frame is in the plan, a frame is outside it, or a cutout extends beyond the sensor and is not padded. With
+        ``strict``, also if a position is missing or repeated. The message states the position.
     """
 
     def __init__(
@@ -461,7 +461,7 @@ def iter_assemble(
     dtype, compression, workers, store_tolerance
         As in `PSFWriter`.
     run
-        Only for a file: settings for processing the planes as separate work units: the executor, and what to do with
+        Only for a file. Settings for processing the planes as separate work units: the executor, and what to do with
         units left by an earlier run. If the run is stopped, finished units are kept. None: no units.
     reopening
         Only with a ``run``: values that identify these frames, and the function with which other processes open them.
@@ -470,8 +470,8 @@ def iter_assemble(
     Raises
     ------
     InputError
-        If a frame is outside the plan or not finite, if its cutout extends beyond the sensor and is not padded, or with
-        ``strict``, if a position is missing or repeated. The message states the position.
+        If a frame is outside the plan or not finite, or its cutout extends beyond the sensor and is not padded. With
+        ``strict``, also if a position is missing or repeated. The message states the position.
 
     Examples
     --------

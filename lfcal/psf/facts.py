@@ -147,8 +147,8 @@ _UNKNOWN: dict[str, float] = {
 def stacked(planes: Sequence[Facts]) -> Facts:
     """Return the facts of a matrix, combined from those of its planes in order.
 
-    If only some planes state a fact, the others get a default: 0 recorded frames, unknown saturation (-1), all pixels
-    valid, a measured origin, and NaN for all other facts.
+    If only some planes state a fact, the others get a default. Defaults are 0 recorded frames, unknown saturation (-1),
+    all pixels valid, a measured origin, and NaN for all other facts.
     """
     names = {name for plane in planes for name in plane.known()}
     found: dict[str, NDArray[Any]] = {}

@@ -141,8 +141,8 @@ class StoredPlane:
     sums
         Depth-plane sum ``(nt, ns)``.
     used, checksum, error
-        Window of the cutout that contains light (first and last row, first and last column; empty if the last is less
-        than the first), checksum and error, as stated in the file.
+        Window of the cutout that contains light, checksum and error, as stated in the file. The window is first and
+        last row, first and last column; it is empty if the last is less than the first.
     facts
         Facts about the positions, without the error.
     uncertainty

@@ -27,10 +27,10 @@ __all__ = ["PSFMatrix"]
 class PSFMatrix:
     """The PSF matrix ``H[z, y, x, t, s]`` in an array, a memory map or an H file.
 
-    The axes are the depth plane z, the source position (y, x) within the period, and the pixel (t, s) of the cutout; y
-    and t are rows. Slicing follows numpy's rules of basic indexing (integers, slices, ellipsis) and reads only the
-    required values. ``H.T`` is the transposed matrix as a view: each slice is computed from H on demand, and ``H.T.T``
-    is H. Returned arrays must not be modified, because they may be views of the stored values.
+    The axes are the depth plane z, the source position (y, x) within the period, and the pixel (t, s) of the cutout.
+    Both y and t are rows. Slicing follows numpy's rules of basic indexing (integers, slices, ellipsis) and reads only
+    the required values. ``H.T`` is the transposed matrix as a view: each slice is computed from H on demand, and
+    ``H.T.T`` is H. Returned arrays must not be modified, because they may be views of the stored values.
 
     Parameters
     ----------

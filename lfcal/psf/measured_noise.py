@@ -6,8 +6,8 @@ of the position. From one position to the next, the image moves by a pixel, and 
 Fourth differences along both axes of a block of 5 x 5 positions cancel the signal and keep the noise. Where the signal
 is not smooth, at the edges of micro-images, differences along only one axis show it. They are orthogonal to the
 others, so leaving such pixels out causes no bias. The part of a difference explained by the light and its gradient is
-due to the lamp and the stage. The contribution of the remaining signal grows with the square of the mean value m:
-the variance is fitted as ``floor + slope m + q m²``, and the last term is dropped.
+due to the lamp and the stage. The contribution of the remaining signal grows with the square of the mean value m. The
+variance is therefore fitted as ``floor + slope m + q m²``, and the last term is dropped.
 """
 
 from __future__ import annotations
@@ -312,8 +312,8 @@ def _likely(samples: _Samples, floor: float | None, count: int) -> tuple[F8, F8]
 
     Each squared difference has the variance as its mean, so brightness may differ from sample to sample. Weights and
     moments are taken by the light of the pixels around, whose noise is not the sample's (instrumental variable). If
-    they were taken by the light of the sample itself, noise that lowers it would raise its weight, and the floor in
-    faint light would be a tenth to a third too high. Squares above 9 variances count as 9 variances, because they
+    they were taken by the light of the sample itself, noise that lowers it would raise its weight. The floor in faint
+    light would then be a tenth to a third too high. Squares above 9 variances count as 9 variances, because they
     contain signal that the differences did not cancel.
     """
     from scipy.optimize import nnls

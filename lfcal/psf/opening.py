@@ -396,8 +396,8 @@ def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float3
     Raises
     ------
     FileFormatError
-        If, in a file of version 3, step or zero is missing, the stored values are not uint16, a step is not positive,
-        or values could exceed the range of float32.
+        If, in a file of version 3, step or zero is missing, or the stored values are not uint16. Also if, in such a
+        file, a step is not positive, or values could exceed the range of float32.
     """
     shape = data.shape
     if _check_format(file) != STEPPED_VERSION:

@@ -1,7 +1,7 @@
 """Read facts about frames, simulation and quality from the provenance of H, without trusting it.
 
-Provenance comes from a file that anyone may have written, and older files lack most of it: entries without the
-expected form count as unknown. ``docs/files.md`` lists the entries.
+Provenance comes from a file that anyone may have written, and older files lack most of it. Entries without the expected
+form therefore count as unknown. ``docs/files.md`` lists the entries.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, 
     """Return ``provenance`` extended by ``planes``, the records of how each plane was simulated.
 
     `simulated_planes` reads them from the result. If a level was requested and the records name engines, the entry
-    ``level`` becomes the names of these engines, and the requested level is kept as ``requested_level``.
+    ``level`` becomes the names of these engines. The requested level is kept as ``requested_level``.
     """
     simulated = {**provenance.get("simulated", {}), "planes": list(planes)}
     engines = dict.fromkeys(str(one["engine"]) for one in planes if one is not None and "engine" in one)

@@ -542,7 +542,7 @@ def facts_of(matrix: PSFMatrix) -> Facts:
 def plane_checksum(stored: NDArray[Any], workers: int | None = None) -> int:
     """Return the checksum of a plane ``(ny, nx, nt, ns)`` of stored samples.
 
-    It is a CRC-32 over the CRC-32 values of all patterns, so that patterns can be checked separately and in parallel.
+    It is a CRC-32 over the CRC-32 values of all patterns. Patterns can therefore be checked separately and in parallel.
     ``workers`` is the number of threads; None: one for each available CPU core.
     """
     ny, nx = stored.shape[:2]

@@ -14,8 +14,8 @@ Pair = tuple[float, float]
 def pixel_um(matrix: PSFMatrix) -> Pair | None:
     """Return the height and the width of a pixel of H's images on the sensor (µm); None if H has no camera.
 
-    The pixels of H differ in size from those of the sensor if frames were resampled such that the lenslet period is a
-    whole number of pixels.
+    Frames may have been resampled such that the lenslet period is a whole number of pixels. The pixels of H then differ
+    in size from those of the sensor.
     """
     return None if matrix.camera is None else _scaled(matrix.camera.sensor.pixel_um, matrix.pixel_scale)
 

@@ -1,7 +1,7 @@
 """Patterns of all points of a volume above a window of the sensor, without a period, and sums over them.
 
-Rotation and pitch of the array are visible in H only over a field of many lenslets, so every position of the window has
-a separate pattern.
+Rotation and pitch of the array are visible in H only over a field of many lenslets. Every position of the window
+therefore has a separate pattern.
 """
 
 from __future__ import annotations

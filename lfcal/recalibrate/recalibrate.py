@@ -264,7 +264,8 @@ def iter_recalibrate(
     InputError
         If there are no frames, or if the noise of a frame is unknown, its shape is not that of the sensor, or its
         structure does not exceed the noise. If a group of unknowns cannot be fitted, no window has valid pixels in all
-        frames, memory is insufficient, ``steps`` contains those of another fit, or the camera has no lenslet lattice.
+        frames, or memory is insufficient. Also if ``steps`` contains those of another fit, or the camera has no lenslet
+        lattice.
 
     Examples
     --------
@@ -440,8 +441,8 @@ class _Run:
         """Return the first fit with a remedy that explains the frames, otherwise ``at``, and the finding as text.
 
         A fit with wrong assumptions moves the camera away, so each remedy needs a fit from the start. The error due to
-        the grid of voxels decreases at least in proportion to their distance, so what is left with voxels of half a
-        pixel is at most the difference from the fit with whole ones.
+        the grid of voxels decreases at least in proportion to their distance. What is left with voxels of half a pixel
+        is therefore at most the difference from the fit with whole ones.
         """
         best, reason, untried = at, "", ""
         for one in _remedies(self.plan):

@@ -3,8 +3,7 @@
 The residual of a frame has the covariance M = V + H G HT: the noise V of its pixels, and the image of what is unknown
 about the rest of the volume. G is that of the random objects of error bars (`ObjectModel`): relative fluctuations of
 several correlation lengths. The generalised least-squares estimate with M^-1 hence uses the surroundings of a feature
-to predict its background, and gives less weight to pixels for which this prediction is uncertain (Aitken 1935;
-kriging).
+to predict its background. It gives less weight to pixels for which this prediction is uncertain (Aitken 1935; kriging).
 """
 
 from __future__ import annotations

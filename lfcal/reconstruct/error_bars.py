@@ -94,7 +94,7 @@ class RegionSum:
         Standard uncertainty of the sum, from all causes.
     noise, h, object
         Parts of `sigma` that add up to it in quadrature: due to the noise of the frame, to errors of H, and to the
-        object (the limited number of iterations, and what H cannot image).
+        object. The last is caused by the limited number of iterations, and by what H cannot image.
     replicates
         Number of replicates that `sigma` is estimated from.
     """
@@ -127,10 +127,10 @@ class ErrorBars:
         Standard uncertainty of every voxel, ``(nz, Y, X)``, in the units of the volume.
     kappa
         Rms error of details of a voxel's size, relative to the rms of these details, averaged over neighbours,
-        ``(nz, Y, X)``: 0 if they are known exactly, about 1 if nothing is known about them.
+        ``(nz, Y, X)``. It is 0 if they are known exactly, and about 1 if nothing is known about them.
     resolution
-        Standard deviation (voxels) of the narrowest Gaussian of `BLURS` that leaves a relative error below `KNOWN` when
-        error and details are blurred with it, ``(nz, Y, X)``; NaN if there is none.
+        Standard deviation (voxels) of the narrowest Gaussian of `BLURS`, ``(nz, Y, X)``, that leaves a relative error
+        below `KNOWN` when error and details are blurred with it. It is NaN if there is none.
     regions
         Sum over each labelled region, in ascending order of labels.
     replicates
@@ -371,8 +371,8 @@ def iter_error_bars(
     """Reconstruct ``image``; return `ErrorBars` for every voxel and for the sums over labelled regions.
 
     The number of reconstructions is one for the volume, one for each replicate, and one more if the noise is unknown.
-    With ``labels``, some replicates are also reconstructed without noise, and if H has errors, also with the exact H,
-    to find the contributions of noise, H and object.
+    With ``labels``, some replicates are also reconstructed without noise to find the contributions of noise, H and
+    object. If H has errors, they are also reconstructed with the exact H.
 
     Parameters
     ----------

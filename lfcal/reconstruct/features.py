@@ -106,8 +106,8 @@ class FittedFeature:
         Depth (µm); the index of the plane if H states no depths.
     sigmas
         Standard uncertainty of each fitted value by name: ``brightness``, ``row``, ``column``, ``plane``, ``width``,
-        ``end_row``, ``end_column``, and ``depth_um`` with the unit of `depth_um`. 0 for fixed values; NaN if the
-        feature does not fit (`fits`).
+        ``end_row``, ``end_column``, and ``depth_um`` with the unit of `depth_um`. It is 0 for fixed values, and NaN if
+        the feature does not fit (`fits`).
     chi2
         Misfit of the frame near the feature relative to that of a correct model.
     limit

@@ -42,7 +42,7 @@ class MetricGrid:
         Number of voxels ``(Y, X)``; they cover the field of the widest plane.
     rows, columns
         Sparse matrices for each plane z: ``rows[z]`` ``(Y, y)`` contains the fraction of each row of the plane that is
-        in each row of the grid, and ``columns[z]`` ``(X, x)`` the same for columns.
+        in each row of the grid. ``columns[z]`` ``(X, x)`` contains the same for columns.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class MetricGrid:
             Shape ``(y, x)`` of the image, and of each plane of the volume.
         anchor
             Pixel (row, column) of the image onto which H's position (0, 0) is imaged. None: the anchor of H. A
-            different anchor means that the image shows another part of the sensor; for an image of the entire sensor,
+            different anchor means that the image shows another part of the sensor. For an image of the entire sensor,
             whole periods of the difference are ignored.
         voxel
             Side of the grid's voxels (µm). None: the smallest voxel side of all planes.

@@ -301,9 +301,9 @@ def resampling_for(
 ) -> Resampling | None:
     """Return the map that resamples frames of ``shape`` to the period of ``H``; None if they can be used unchanged.
 
-    Frames can be used unchanged if the lattice drifts by at most `MOST_DRIFT` (px) over the frame, if the lattice is
-    unknown, or if ``placed`` is not empty. If ``light_field`` states whether to resample (see
-    `LightFieldSettings.asked`), that applies instead. Create the projector with the map's ``shape`` and
+    Frames can be used unchanged if the lattice drifts by at most `MOST_DRIFT` (px) over the frame. They can also be
+    used unchanged if the lattice is unknown, or if ``placed`` is not empty. If ``light_field`` states whether to
+    resample (see `LightFieldSettings.asked`), that applies instead. Create the projector with the map's ``shape`` and
     ``anchor(lattice_anchor_of(H))``.
 
     Parameters

@@ -91,8 +91,9 @@ class Opt:
     is_path
         Function that decides whether a text is a path: a camera, for example, is a preset or a file.
     needs
-        Name of another field of the same record that must be set for this field to have an effect, and the value that
-        it must have (empty: any). If the name is empty, the value is a suffix that an input file must have.
+        Name of another field of the same record that must be set for this field to have an effect. The second entry is
+        the value that it must have (empty: any). If the name is empty, the value is a suffix that an input file must
+        have.
     """
 
     help: str

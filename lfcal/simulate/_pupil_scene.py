@@ -1,6 +1,6 @@
 """One depth plane of a Fourier light-field microscope as its engine needs it.
 
-The objective and the tube lens image a point at depth z into the native image plane; the Fourier lens turns that image
+The objective and the tube lens image a point at depth z into the native image plane. The Fourier lens turns that image
 into the objective's pupil, on the lenslets. With the position u on the lenslets, f the focal length of the Fourier lens
 and sin t = M |u| / (n f) (sine condition), the field there is the Debye pupil function [1]_ [2]_
 

@@ -77,8 +77,8 @@ class ExpectedLight:
         """Return the expected relative rms error of H due to sensor noise, one value for each plane.
 
         The error is relative to the root mean square of the plane's values of H. It includes photon noise, dark
-        current, read noise and rounding, for frames that are clipped at zero counts and from which a mean dark frame is
-        subtracted. Errors that do not average out, such as pixel response or a wrong position, are not included.
+        current, read noise and rounding. The frames are clipped at zero counts, and a mean dark frame is subtracted
+        from them. Errors that do not average out, such as pixel response or a wrong position, are not included.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Fo
 
     The brightness of the source is the same for all. Shorter exposures are faster, but the brightest pixel then reaches
     a smaller fraction of the full well. The longest exposure is that at which the brightest pixel reaches 0.8 of the
-    full well (`PLANNED_PEAK`), or ``peak`` if this is higher; it is at most a day. At the longest exposure, there are
+    full well (`PLANNED_PEAK`), or ``peak`` if this is higher. It is at most a day. At the longest exposure, there are
     also combinations that average up to 64 frames. Combinations with the same time and noise as the plan itself are
     omitted.
 

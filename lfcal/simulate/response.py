@@ -26,8 +26,8 @@ __all__ = ["PlaneResponse"]
 class PlaneResponse:
     """Responses of one depth plane of a plan, simulated with the given effects.
 
-    Engines are created on demand: one for each wavelength and, for `rows`, one for each displaced source point, which
-    is freed before the next one is created.
+    Engines are created on demand, one for each wavelength. For `rows`, there is also one for each displaced source
+    point, which is freed before the next one is created.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class PlaneResponse:
         Level and sampling as in `simulate_psf`; ``tolerance`` is the error allowed for the computation. A given
         sampling is used unchanged. Otherwise, a probe (`lfcal.simulate.accuracy.probe`) determines the sampling of the
         first engine. If more light arrives at a position than was transmitted, the sampling is refined, at most
-        ``RETRIES`` times, and this response is computed again; earlier results are kept.
+        ``RETRIES`` times. This response is then computed again; earlier results are kept.
     cutout
         Pixels ``(nt, ns)`` of the cutout. None: those of the plan.
     depth_error_um

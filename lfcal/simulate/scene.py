@@ -214,8 +214,8 @@ def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, thet
     """Return the signed distances from the axis (µm) at which rays of a source at ``z_um`` on the axis meet the array.
 
     ``theta`` contains the signed angles t of the rays in the medium (rad). The distances are M z tan t, with the
-    magnification M. Behind an interface, they are M (d tan t2 - D tan t), with the angle t2 in the specimen and the
-    depths d of the source and D of the nominal focal plane. They are NaN for rays with total reflection.
+    magnification M. Behind an interface, they are M (d tan t2 - D tan t). Here t2 is the angle in the specimen, d the
+    depth of the source, and D the depth of the nominal focal plane. They are NaN for rays with total reflection.
     """
     if specimen is None or specimen.source_um(z_um) < 0:
         return optics.magnification * z_um * np.tan(theta)
@@ -304,7 +304,8 @@ class Scene:
         move. None: no displacement.
     image_map
         Displacement of every image from its paraxial position, as a linear function of that position on the sensor,
-        after offsets: for dy and for dx, the constant (µm) and the factors of y and x. None: no displacement.
+        after offsets. It contains, for dy and for dx, the constant (µm) and the factors of y and x. None: no
+        displacement.
     tilt
         Tilt (y, x) of the array: increase of the gap per µm along y and x. In the middle of the period, the gap is B.
     defects
@@ -585,8 +586,8 @@ class Scene:
         """Return the changes, due to the tilt, of spot positions and of sigma for lenslets at ``centres_um``.
 
         ``centres_um`` is ``(n, 2)`` as (x, y), and ``kinds`` ``(n,)`` contains the lens types. The chief ray meets the
-        sensor at X0. A ray through the centre c of a lenslet that is farther from the sensor by d meets the sensor at
-        c + (B' + d)/(a' + d) (X0 - c). The first result is the change of the factor of X0 - c. Sigma becomes
+        sensor at X0. Let c be the centre of a lenslet that is farther from the sensor by d. A ray through c meets the
+        sensor at c + (B' + d)/(a' + d) (X0 - c). The first result is the change of the factor of X0 - c. Sigma becomes
         1 - (B' + d)/(a' + d) - (B' + d)/f. Both changes, ``(n,)``, are of first order in d. They are 0 near the native
         plane, where the radius of the lit disc is less than half a pitch.
         """

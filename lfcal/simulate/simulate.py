@@ -171,7 +171,7 @@ def iter_simulate_psf(
 ) -> Work[PSFMatrix]:
     """Simulate the PSF matrix H of a scan plan with the plan's camera, and return it.
 
-    Values of H are fractions of the light that passes the iris: the sum of a response over an infinite cutout is the
+    Values of H are fractions of the light that passes the iris. The sum of a response over an infinite cutout is the
     fraction that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They are part
     of the frames (`SimulatedCamera`), from which `assemble` computes an H that agrees with this one except for these
     effects and noise.

@@ -92,8 +92,8 @@ class UndescribedEffects:
     rows
         The effects, largest error first.
     measurements
-        The measurements that determine the sizes of the effects, as far as they are needed: one white image, bead
-        frames at a few depths that together show all effects, and last the values that you have to enter.
+        The measurements that determine the sizes of the effects, as far as they are needed. First come one white image,
+        and bead frames at a few depths that together show all effects; the values that you have to enter are last.
 
     Examples
     --------

@@ -229,8 +229,8 @@ def plume(
     rng
         Random number generator, which determines the filaments.
     width, spread
-        Rms width of the plume at the bottom as a fraction of the number of rows, and its increase per row of height
-        (voxels per voxel).
+        Rms width of the plume at the bottom, as a fraction of the number of rows. Increase of this width per row of
+        height (voxels per voxel).
 
     Examples
     --------

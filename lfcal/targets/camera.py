@@ -213,8 +213,8 @@ class TargetCamera(Frames):
     def iter_lights(self, frames: Sequence[int] | None = None, workers: int | None = None) -> Work[NDArray[np.float32]]:
         """Return the photoelectrons of several frames, ``(n, rows, columns)``, as `light` does for one frame.
 
-        The optics of each region and depth are computed once for all frames and then released, because those of all
-        regions together may not fit into memory.
+        The optics of each region and depth are computed once for all frames and then released. Those of all regions
+        together may not fit into memory.
 
         Parameters
         ----------

@@ -95,7 +95,7 @@ def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = 
     """Return a plan of the display pixels to light in each frame, so that few frames show most phases of a scan.
 
     Points and offsets are whole pixels of the display. If the image of a pixel is large compared with the tolerance, or
-    ``wishes.most_frames`` is small, some phases are not shown; `TargetPlan.coverage` returns the fraction shown.
+    ``wishes.most_frames`` is small, some phases are not shown. `TargetPlan.coverage` returns the fraction shown.
     ``wishes`` are the limits for the plan (None: the defaults).
 
     Raises

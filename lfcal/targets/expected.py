@@ -57,8 +57,8 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
     """Return the expected ``sum |noise| / sum light`` of a pattern of plane ``z``, averaged over a few positions.
 
     The pattern is the mean of ``scan.frames_averaged`` frames. Photon noise and read noise of the pixels of a cutout
-    are included as Gaussian noise, for which the mean of ``|x|`` is ``sqrt(2 / pi)`` times the standard deviation. The
-    brightest pixel of the session reaches 0.8 of the full well. ``level`` is as in `simulate_psf`.
+    are included as Gaussian noise. For such noise, the mean of ``|x|`` is ``sqrt(2 / pi)`` times the standard
+    deviation. The brightest pixel of the session reaches 0.8 of the full well. ``level`` is as in `simulate_psf`.
     """
     effects = plan_effects(scan, TOLERANCE).effects
     camera = SimulatedCamera(scan, effects, level=level, tolerance=TOLERANCE)

@@ -359,8 +359,9 @@ def find_points(
     Raises
     ------
     InputError
-        If the frame does not have the shape of the sensor, there are no points, the points do not form a lattice like
-        that of the target, the target is mirrored or rotated, or the labelling is ambiguous. The message states which.
+        If the frame does not have the shape of the sensor, there are no points, or the points do not form a lattice
+        like that of the target. Also if the target is mirrored or rotated, or the labelling is ambiguous. The message
+        states which.
 
     Examples
     --------

@@ -216,11 +216,11 @@ class Covering:
 def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most: int | None = None) -> Work[Covering]:
     """Return a `Covering` of few offsets, within one period, with which a target shows as many phases as possible.
 
-    If all columns have the same row phases, and all rows the same column phases, the axes are separable: all
-    combinations of a few row offsets and column offsets show all phases. Otherwise, or if this requires many frames or
-    leaves phases missing, both axes are searched together: each new frame is the one that shows most of the missing
-    phases among those tried. Exact greedy covering takes at most 1 + ln(n) times the fewest sets (V. Chvatal, "A greedy
-    heuristic for the set-covering problem", 1979).
+    If all columns have the same row phases, and all rows the same column phases, the axes are separable. All
+    combinations of a few row offsets and column offsets then show all phases. Otherwise, or if this requires many
+    frames or leaves phases missing, both axes are searched together. Each new frame is then the one that shows most of
+    the missing phases among those tried. Exact greedy covering takes at most 1 + ln(n) times the fewest sets (V.
+    Chvatal, "A greedy heuristic for the set-covering problem", 1979).
 
     Parameters
     ----------

@@ -65,11 +65,11 @@ class Proposal:
 def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: float) -> Proposal:
     """Propose the pitch along ``axis`` that needs the fewest frames; among equals, the one with the most holes.
 
-    Holes that are p pixels apart, p an integer, show the phases 0, p, 2p … modulo the period, and all phases if p and
-    the period have no common divisor. The array's period is not an integer, so each cycle leaves a residual. The pitch
-    is therefore a whole number of periods plus a few whole pixels (a vernier). Neighbouring holes show equally spaced
-    phases, and a target covers the period at most once. ``axis`` is 0 for rows or 1 for columns; the other arguments
-    are as in `proposed_target`.
+    Holes that are p pixels apart, p an integer, show the phases 0, p, 2p … modulo the period. They show all phases if p
+    and the period have no common divisor. The array's period is not an integer, so each cycle leaves a residual. The
+    pitch is therefore a whole number of periods plus a few whole pixels (a vernier). Neighbouring holes show equally
+    spaced phases, and a target covers the period at most once. ``axis`` is 0 for rows or 1 for columns; the other
+    arguments are as in `proposed_target`.
     """
     plan, length, count = phases.plan, float(phases.period[axis]), phases.plan.period[axis]
     # offsets extend half a period in either direction, plus a pixel for rounding
@@ -101,8 +101,8 @@ def proposed_target(
 ) -> tuple[Target, tuple[Proposal, Proposal]]:
     """Return the array of holes, parallel to the sensor, that shows all phases of plane ``z`` with the fewest frames.
 
-    The pitches of its rows and columns may differ: the period of a hexagonal lenslet array is wider than high by an
-    irrational factor, and no single pitch suits both. The second result contains the `Proposal` for the rows and that
+    The pitches of its rows and columns may differ. The period of a hexagonal lenslet array is wider than high by an
+    irrational factor, so no single pitch suits both. The second result contains the `Proposal` for the rows and that
     for the columns.
 
     Parameters

@@ -42,7 +42,7 @@ def _filled(frames: int, order: int) -> int:
 def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64]:
     """Return the patterns of one hole in the first ``frames`` frames of a plane, ``(frames, rows, columns)``.
 
-    Neighbouring holes have the same pattern, so the window wraps around; its sides are the distances of their images,
+    Neighbouring holes have the same pattern, so the window wraps around. Its sides are the distances of their images,
     or those of the cutout if these are larger. Values are NaN outside each pattern's cutout.
     """
     scan = plan.scan

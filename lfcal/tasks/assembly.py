@@ -61,8 +61,8 @@ class Assembled(TaskResult):
     ``name`` is the name of the region, or else of the colour; it is empty for a single H. ``report`` contains the
     matrix and the results of its assembly, which took ``seconds`` (s). ``out`` is the file of H; each colour has a
     separate file. All regions of a colour share one file, and their matrices are closed. For a target, ``target``,
-    ``points`` and ``facts`` are its plan, the points found and facts about the frames; ``unused`` is the number of
-    points that match no position.
+    ``points`` and ``facts`` are its plan, the points found and facts about the frames. The number of points that match
+    no position is ``unused``.
     """
 
     name: str = ""

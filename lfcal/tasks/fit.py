@@ -380,7 +380,7 @@ class FitFrames(FitMatrix):
     """Find the camera that explains measured patterns, and compute its H without noise.
 
     The fit estimates gap, focal lengths, iris and aberrations. It writes camera.json, effects.json, H.h5, fit.json
-    and report/ into a folder. Several sources are regions of the field of one camera: the fit also finds how the
+    and report/ into a folder. Several sources are regions of the field of one camera. The fit then also finds how the
     wavefront changes over the field, and each region has a separate folder. Points of a target are fitted at their
     actual positions on the sensor.
 

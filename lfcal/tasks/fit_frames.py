@@ -56,9 +56,9 @@ class Recalibrate(Task):
     """Recalibrate a camera with ordinary frames, and compute its H.
 
     The frames may show any structured objects within the depth planes. The fit estimates gap, rotation, offset and
-    pitch of the array, focal lengths, iris and aberrations, together with the object and the dark field of each frame.
-    It writes camera.json, effects.json, H.h5 and recalibration.json into a folder. Exit code 1: the camera does not
-    explain the frames, and nothing is written.
+    pitch of the array, focal lengths, iris and aberrations. The object and the dark field of each frame are estimated
+    together with them. It writes camera.json, effects.json, H.h5 and recalibration.json into a folder. Exit code 1: the
+    camera does not explain the frames, and nothing is written.
 
     Examples
     --------

@@ -230,8 +230,8 @@ class TaskSet:
         Raises
         ------
         InputError
-            If a value is given for a field that this task does not have, a required field has no value, or a value is
-            not allowed or would have no effect.
+            If a value is given for a field that this task does not have, or a required field has no value. Also if a
+            value is not allowed or would have no effect.
         """
         for row in rows(self.kinds[0]):
             # the choice of the kind may depend on these

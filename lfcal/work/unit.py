@@ -54,7 +54,7 @@ class Unit:
         the unit was started.
     concurrent_bytes
         Memory that the unit requires with one thread (bytes), if it may run concurrently with other units in one
-        process; 0 if it must run alone.
+        process. It is 0 if the unit must run alone.
 
     Examples
     --------

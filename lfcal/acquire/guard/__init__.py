@@ -5,7 +5,7 @@
   clipping that differ from neighbouring frames
 
 A frame is compared with earlier frames, never with a model, so that the check works for any camera and pattern. An
-unusual frame is not a fault yet: `lfcal.acquire.runner` takes the frame again, and then a known position, to see
+unusual frame is not a fault yet. `lfcal.acquire.runner` takes the frame again, and then a known position, to see
 whether the rig has changed or the pattern is unusual.
 """
 

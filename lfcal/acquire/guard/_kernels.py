@@ -15,9 +15,14 @@ __all__ = ["COLUMNS", "count_lit", "expect", "learn", "measure", "same_rows"]
 COLUMNS = ("level", "energy", "row", "column", "peak", "noise", "total")
 """Values that `measure` computes; the first five are stored in the table of neighbours.
 
-They are the level of the darkest corner, the sum of the light above it, the row and the column of the centroid of this
-light from the frame's middle, the highest sample, the noise of a pixel in that corner (counts), and the sum of all
-samples.
+In this order, they are:
+
+- the level of the darkest corner
+- the sum of the light above this level
+- the row and the column of the centroid of this light, relative to the frame's middle
+- the highest sample
+- the noise of a pixel in that corner (counts)
+- the sum of all samples
 """
 
 

@@ -59,8 +59,8 @@ class Repeats:
 
     All earlier exposures are compared by the checksums of these rows, and the latest `BUFFERS` also row by row.
 
-    Content is compared in sensor coordinates, and only between different positions: images of a displaced source
-    differ even without noise, while images at the same position may be equal.
+    Content is compared in sensor coordinates, and only between different positions. Images of a displaced source differ
+    even without noise, while images at the same position may be equal.
 
     Parameters
     ----------
@@ -111,7 +111,8 @@ class Repeats:
 
         Only the checksums of these frames are known. Their cutouts move with the source, so that noise-free frames of
         different positions may be equal. A frame is therefore compared only if ``noise``, the standard deviation of a
-        pixel (counts), is above 0, and at least `FEW` samples are lit: above ``floor`` (counts) and not saturated.
+        pixel (counts), is above 0, and at least `FEW` samples are lit. Lit samples are above ``floor`` (counts) and not
+        saturated.
         """
         if not self._recorded or noise <= 0:
             return NO_DOUBT
@@ -256,8 +257,8 @@ class Neighbours:
     def look(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> Doubt:
         """Compare a frame with its neighbours, ``pitch`` positions away, and return the findings.
 
-        If no neighbours were accepted, the frame is compared with the latest accepted frame, whose light is scaled to
-        ``exposure_s``, the exposure time of the new frame (s).
+        If no neighbours were accepted, the frame is compared with the latest accepted frame. The light of that frame is
+        scaled to ``exposure_s``, the exposure time of the new frame (s).
         """
         way = self._expect(position, pitch)
         if way < 0:

@@ -1,7 +1,7 @@
 """Compare the expected with the existing content of one file of a recorded session.
 
-The header may be missing and the end truncated. `lfcal.acquire.recording.recording_file.lay_out` always places the
-same recording at the same offsets, so the session determines where the frames are, and the records prove it.
+The header may be missing and the end truncated. `lfcal.acquire.recording.recording_file.lay_out` always places the same
+recording at the same offsets. The session therefore determines where the frames are, and the records prove it.
 """
 
 from __future__ import annotations

@@ -58,9 +58,9 @@ _STATE_WORDS = {
 class DamagedFrame:
     """A recorded frame that is damaged.
 
-    ``file`` is the name of its file, and ``slot`` its index there. ``kind`` is ``"position"``, ``"dark"``,
-    ``"reference"`` or ``"control"``; ``position`` (z, y, x) is the position in the plan; ``what`` describes the damage;
-    ``replaced`` states whether a later recording has an intact frame of the position.
+    ``file`` is the name of its file, and ``slot`` its index there. The ``kind`` is ``"position"``, ``"dark"``,
+    ``"reference"`` or ``"control"``. The ``position`` (z, y, x) is that in the plan, and ``what`` describes the damage.
+    Whether a later recording has an intact frame of the position is stated by ``replaced``.
     """
 
     file: str

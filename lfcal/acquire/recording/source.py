@@ -432,9 +432,10 @@ class TargetRecording(RecordingSource):
 
     It contains the frames that are safe on disk. In a complete session, frame ``k`` is frame ``k`` of the plan;
     otherwise, `frames` states which frames were recorded. The ``points`` of each frame are the positions nearest to its
-    holes at the planned pose, in the order of `TargetPlan.points` for the offsets that the frame shows. The actual pose
-    of the target, which may differ, is not known here; it has to be fitted to the frames. ``metadata`` contains the
-    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the entries of every session.
+    holes at the planned pose. They have the order of `TargetPlan.points` for the offsets that the frame shows. The
+    actual pose of the target may differ and is not known here. It has to be fitted to the frames. ``metadata`` contains
+    the ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the entries of every
+    session.
 
     Parameters
     ----------

@@ -56,8 +56,8 @@ def iter_exposures(
 
     Nothing is recorded, and the stage returns to its previous position. The positions are a corner and the centre of a
     cell of one period, and the midpoints of two of its sides. At the returned exposure time, the peak at the brightest
-    position is at the fraction ``target`` of the range from the black level to saturation, or below if ``longest_s``
-    limits it.
+    position is at the fraction ``target`` of the range from the black level to saturation. It is lower if ``longest_s``
+    limits the exposure time.
 
     Parameters
     ----------

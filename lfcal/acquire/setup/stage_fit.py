@@ -192,7 +192,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
     fit, plan
         The measurement, and the plan with which it is compared.
     cell_px, residual_px
-        Largest displacement of the image over one period that an error of scale or angle may cause, and largest RMS
+        Largest displacement of the image over one period that an error of scale or angle may cause (px). Largest RMS
         residual of the fit (px).
 
     Examples
@@ -301,9 +301,9 @@ def places_about(
 
     Along each axis, the corners are whole periods away from the middle, so that the pattern of the lenslets is the same
     there. The distance is three periods, or a tenth of the sensor if that is more. It is smaller if rounding of the
-    period would shift the pattern by more than `PHASE`, or if the cutout would leave the sensor or the stage its
-    travel. If the sensor has no room for a whole period, the distance is one period. ``z`` is the index of the depth
-    plane, ``limits`` the travel of the stage, and ``overshoot_um`` as in `Motion` (µm).
+    period would shift the pattern by more than `PHASE`. It is also smaller if the cutout would leave the sensor, or the
+    stage its travel. If the sensor has no room for a whole period, the distance is one period. ``z`` is the index of
+    the depth plane, ``limits`` the travel of the stage, and ``overshoot_um`` as in `Motion` (µm).
 
     Raises
     ------

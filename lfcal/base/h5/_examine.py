@@ -1,9 +1,9 @@
 """Read an HDF5 file to its end, in a process that may crash. Run as a script by `lfcal.base.h5.probe`.
 
 Requests are lines of JSON ``[path, seconds, only]`` on standard input. Each is answered by one line of JSON: a text
-that describes the fault, or "". With a list ``only`` of datasets, the others are described without reading their data,
-and large ones in the list are read only in the middle chunk; null: all are read. The script imports nothing from lfcal,
-so that it starts fast.
+that describes the fault, or "". With a list ``only`` of datasets, the others are described without reading their data.
+Large datasets in the list are read only in the middle chunk. With null, all are read. The script imports nothing from
+lfcal, so that it starts fast.
 """
 
 from __future__ import annotations

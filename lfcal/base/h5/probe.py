@@ -50,8 +50,8 @@ def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
     With ``only``, the child reads data only from these datasets, and of large datasets only the middle chunk.
 
     A file that was checked before and has not changed since is not checked again. A file is accepted without a check if
-    no child process can be started (no memory, no permission, libraries that do not load), or if it ends with a Python
-    exception.
+    no child process can be started (no memory, no permission, libraries that do not load). The same applies if the
+    process ends with a Python exception.
     """
     mark = _mark(path)
     with _CHILD.lock:

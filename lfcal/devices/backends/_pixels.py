@@ -2,7 +2,7 @@
 
 Names and layouts follow the GenICam Pixel Format Naming Convention (PFNC). Formats such as ``Mono12p`` are one
 stream of bits, least significant first. ``Mono12Packed`` is the older layout of GigE Vision: two pixels in three
-bytes. The outer bytes contain the high bits of one pixel each; the middle byte contains the low bits of the first
+bytes. The outer bytes contain the high bits of one pixel each. The middle byte contains the low bits of the first
 pixel, and above them the low bits of the second.
 """
 

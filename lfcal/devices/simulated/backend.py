@@ -154,9 +154,9 @@ class SimBackend:
 def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
     """Return a copy of ``options``; without ``optics``, the simulator's defaults for optics and effects are added.
 
-    The plan's camera is simulated with the effects that it needs, because ideal optics focus a point into single
-    pixels, which cannot be distinguished from hot pixels. A target has the quick pattern at every hole, because
-    simulating all holes takes seconds per frame.
+    The plan's camera is simulated with the effects that it needs. Ideal optics would focus a point into single pixels,
+    which cannot be distinguished from hot pixels. A target has the quick pattern at every hole, because simulating all
+    holes takes seconds per frame.
     """
     if "optics" in options:
         return dict(options)

@@ -218,8 +218,8 @@ class CorrectionChain:
     ) -> Plane:
         """Return a frame's background for `apply_region`: its level at pixel (0, 0), and slopes per row and per column.
 
-        ``read`` is a function that returns the raw pixels of a region of the frame, and ``shape`` is the shape
-        ``(rows, columns)`` of the frame. Only its border is read, or nothing if the background is constant. Without a
+        ``read`` is a function that returns the raw pixels of a region of the frame. The shape ``(rows, columns)`` of
+        the frame is ``shape``. Only its border is read, or nothing if the background is constant. Without a
         `Background` step, all three values are 0. ``exposure_s`` is as in `apply`.
         """
         background: Background | None = self._find(Background)

@@ -41,15 +41,15 @@ class Defects:
         Kind of each defect: ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"``; empty if unknown.
     neighbours, margin
         Row and column of up to m neighbours used for each defect, ``(n, m, 2)``, padded with -1; and the width of the
-        margin needed around a region to repair it (px), which is the largest distance of a neighbour plus one period of
-        the pattern. Both are computed.
+        margin needed around a region to repair it (px). This width is the largest distance of a neighbour plus one
+        period of the pattern. Both are computed.
 
     Raises
     ------
     InputError
         If a pixel is outside the sensor, or has no good neighbour of its colour within two periods of the pattern. Also
-        if more than 5 % of the sensor is defective (a single defect is always allowed), or the number of ``kinds`` is
-        neither 0 nor that of the pixels.
+        if more than 5 % of the sensor is defective (a single defect is always allowed). Also if the number of ``kinds``
+        is neither 0 nor that of the pixels.
 
     Examples
     --------
@@ -237,10 +237,10 @@ def iter_find_defects(
 
     Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. The
     lowest value of a *hot* pixel over the frames exceeds those of these neighbours by ``threshold`` robust standard
-    deviations, and by at least half of the amount by which the neighbours exceed the median over all pixels. In
+    deviations. It also exceeds them by at least half of the amount by which they exceed the median over all pixels. In
     addition, a hot pixel is brighter than its neighbours in at least half of the frames. A pixel is *dead* or *stuck*
-    if its values vary by less than a tenth of the range of its neighbours, although a spot surrounded it in some frame.
-    A dead pixel remains at the level without light. Dead and stuck pixels are found only in 8 or more frames, and only
+    if a spot surrounded it in some frame, but its values vary by less than a tenth of the range of its neighbours. A
+    dead pixel remains at the level without light. Dead and stuck pixels are found only in 8 or more frames, and only
     where spots cover them. Use frames of different positions, or several dark frames: in frames of a single position,
     spots would look like hot pixels. Frames are read a second time if any pixel is suspect.
 

@@ -499,9 +499,9 @@ def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
 def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *, rounds: int = 4) -> Plane:
     """Return ``(p0, p1, p2)`` of the plane ``p0 + p1 row + p2 column`` fitted to ``values`` at (``rows``, ``columns``).
 
-    The three arrays are one-dimensional. The plane is fitted up to ``rounds`` times: first without values that are
-    farther than 6 robust standard deviations from the median, then without those farther than 3 from the previous
-    plane.
+    The three arrays are one-dimensional. The plane is fitted up to ``rounds`` times. The first fit omits values that
+    are farther than 6 robust standard deviations from the median. Later fits omit those farther than 3 from the
+    previous plane.
     """
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)

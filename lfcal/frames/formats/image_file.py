@@ -234,7 +234,7 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
 
     Supported formats are greyscale TIFF (with one or several pages, 16-bit and others), PNG, PGM, ``.npy`` arrays,
     FITS, HDF5 stacks, OME-Zarr, NDTiff, and camera RAW (the unprocessed mosaic). Plug-ins add others. The format is
-    detected from the first bytes of the file, except for camera RAW, which is recognised by the suffix, and for the
+    detected from the first bytes of the file. Exceptions are camera RAW, which is recognised by the suffix, and the
     folders of OME-Zarr and NDTiff. Give such a folder, or the file that describes it (``zarr.json``, ``NDTiff.index``).
 
     Parameters

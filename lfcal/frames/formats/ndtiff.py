@@ -1,8 +1,8 @@
 """NDTiff folders of Micro-Manager and Pycro-Manager as frames, read by their index.
 
 The index lists the images in the order of acquisition. Each entry has the axes of an image as JSON, the name of its
-file, and eight numbers of 32 bits: offset, width, height, type and compression of the samples, and offset, length and
-compression of the metadata (https://github.com/micro-manager/NDStorage, version 3).
+file, and eight numbers of 32 bits. These are offset, width, height, type and compression of the samples, and offset,
+length and compression of the metadata (https://github.com/micro-manager/NDStorage, version 3).
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def find_grid(
 ) -> ScanGrid:
     """Return the regular grid of the stage positions in a list.
 
-    The first estimate of a step is the most frequent difference between neighbours along each axis, so that order,
+    The first estimate of a step is the most frequent difference between neighbours along each axis. Therefore order,
     unit, rotation (up to 30 degrees) and missing positions do not matter. Steps are then fitted to all positions.
 
     Parameters

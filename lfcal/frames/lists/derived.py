@@ -37,7 +37,7 @@ def plan_of_list(
 
     The period is the number of positions along each lateral axis. With ``read``, the axes and the anchor are determined
     from the light in some frames; otherwise they come from the camera's period and ``stage``. Depths are found from the
-    steps in the list: with a main lens, the step that moves the image by one pixel is longer for planes farther away.
+    steps in the list. With a main lens, the step that moves the image by one pixel is longer for planes farther away.
     The steps of a microscope are equal in all planes, so its working plane is assumed to be at the stage's zero. See
     `lfcal.frames.lists._depths`.
 

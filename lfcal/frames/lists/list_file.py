@@ -286,8 +286,8 @@ def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str,
     Raises
     ------
     FileFormatError
-        If the file is not from Micro-Manager, an entry has no x or y coordinate, ``channel`` does not exist, or it is
-        empty and there are several.
+        If the file is not from Micro-Manager, or an entry has no x or y coordinate. Also if ``channel`` does not exist,
+        or it is empty and there are several.
     """
     body = parse_json(read_text(path, limit=MAX_BYTES), str(path), finite=False)
     entries = list(_frames(body))

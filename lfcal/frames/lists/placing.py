@@ -96,8 +96,8 @@ def place(
     Raises
     ------
     InputError
-        If the list belongs to another scan or states no z for several planes, more frames have the same position than
-        the plan averages, or a frame is more than half a step away from its position.
+        If the list belongs to another scan, or states no z for several planes. Also if more frames have the same
+        position than the plan averages, or a frame is more than half a step away from its position.
     """
     numbered = listing.counted
     if (
@@ -394,8 +394,8 @@ def anchor_of(
 ) -> tuple[float, float]:
     """Return the row and the column (px) of the centroid of the light at the plan's position y = x = 0.
 
-    ``lateral`` contains the indices of the first and the second lateral axis in (x, y, z), and ``period`` the number of
-    positions (ny, nx).
+    ``lateral`` contains the indices of the first and the second lateral axis in (x, y, z). The number of positions (ny,
+    nx) is ``period``.
     """
     start = np.array(light.start)
     for axis, count in ((stage.down, period[0]), (stage.right, period[1])):

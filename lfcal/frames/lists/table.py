@@ -82,8 +82,8 @@ def read_table(path: str | Path) -> Table:
     Raises
     ------
     FileFormatError
-        If there are no rows, rows differ in the number of cells, a column name occurs twice, or some numbers have a
-        decimal comma and others a decimal point.
+        If there are no rows, rows differ in the number of cells, or a column name occurs twice. Also if some numbers
+        have a decimal comma and others a decimal point.
     StorageError
         If the file cannot be read.
     """

@@ -40,8 +40,8 @@ class ArraySource(Frames):
     Raises
     ------
     InputError
-        If the array is empty or has the wrong number of axes or dtype, positions are missing for a 3-D array, the
-        arguments differ in length, or ``mask`` has no valid pixel or another shape than the frames.
+        If the array is empty or has the wrong number of axes or dtype, or positions are missing for a 3-D array. Also
+        if the arguments differ in length, or ``mask`` has no valid pixel or another shape than the frames.
 
     Examples
     --------

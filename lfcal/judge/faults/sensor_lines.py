@@ -46,8 +46,8 @@ BRIGHT = 2e-4
 def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
     """Return the values of lines minus the median of their neighbours, and this difference in standard deviations.
 
-    ``sigmas`` are the standard errors of ``values``; a value is unknown if its error is not finite, and its difference
-    in standard deviations is then 0. The scatter of lines among themselves counts as noise.
+    ``sigmas`` are the standard errors of ``values``. A value is unknown if its error is not finite. Its difference in
+    standard deviations is then 0. The scatter of lines among themselves counts as noise.
     """
     known = np.where(np.isfinite(sigmas), values, np.nan)
     filled = np.where(np.isnan(known), np.nanmedian(known) if np.isfinite(known).any() else 0.0, known)
@@ -273,8 +273,8 @@ class LineOffsets(Fault):
 class _Offsets:
     """Offsets of lines along an axis that scatter more than by chance.
 
-    ``shown`` is NaN if no pixel was seen; ``likely`` is corrected for the likely contribution of errors; ``rms`` is
-    the scatter of the offsets (counts), ``sigmas`` its significance in standard deviations.
+    The value ``shown`` is NaN if no pixel was seen, and ``likely`` is corrected for the likely contribution of errors.
+    The scatter of the offsets is ``rms`` (counts), and its significance in standard deviations is ``sigmas``.
     """
 
     axis: int

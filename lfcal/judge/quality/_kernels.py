@@ -15,9 +15,11 @@ __all__ = ["FRAME_COLUMNS", "PatternSums", "frame_pass", "spot_pass", "step_pass
 FRAME_COLUMNS = ("energy", "squares", "top", "clipped", "nonfinite", "lit", "weight", "row", "column", "spread")
 """Columns of the table that `frame_pass` fills, one row for each pattern:
 
-energy, sum of squares; highest value and number of pixels with it; numbers of pixels that are NaN and of lit pixels;
-weight of the lit pixels, its centroid relative to the centre of the cutout (pixels), and the sum of the squared
-distances of the lit pixels from this centre (square pixels).
+- energy, and sum of squares
+- highest value, and number of pixels with it
+- number of pixels that are NaN, and number of lit pixels
+- weight of the lit pixels, and its centroid (row, column) relative to the centre of the cutout (pixels)
+- sum of the squared distances of the lit pixels from this centre (square pixels)
 """
 
 

@@ -142,10 +142,11 @@ def shadow_sizes(
     rows and columns.
 
     A ray through the iris reaches the sensor at the position r = P (1 - 1/v) - e B/f. Here P is a point of the shadow
-    in the plane of the lenslets, e a point of a lenslet, v the virtual depth, B the distance from the lenslets to the
-    sensor, and f the focal length of the lenslets. Over a full period of the lattice, P and e are distributed
-    independently. The second moment of a depth-plane sum is therefore the sum of the second moments of the shadow
-    (D²/8 for a disc of diameter D) and of the lenslets. The second moment of the lenslets does not depend on depth.
+    in the plane of the lenslets, and e a point of a lenslet. v is the virtual depth, B the distance from the lenslets
+    to the sensor, and f the focal length of the lenslets. Over a full period of the lattice, P and e are distributed
+    independently. The second moment of a depth-plane sum is therefore the sum of two second moments: that of the shadow
+    (D²/8 for a disc of diameter D) and that of the lenslets. The second moment of the lenslets does not depend on
+    depth.
     """
     sizes = np.full(len(planes), math.nan)
     if camera is None:

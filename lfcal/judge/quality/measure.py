@@ -391,8 +391,9 @@ def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity 
 def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the change across the wrap along y and x ``(2, 2)`` due to rounding of the period to whole pixels.
 
-    For each axis, this is the root of 1 minus the correlation of patterns with their copies displaced by the difference
-    between period and lattice, and the length of this displacement in steps.
+    For each axis, two values are returned. The first is the root of 1 minus the correlation of patterns with their
+    copies displaced by the difference between period and lattice. The second is the length of this displacement in
+    steps.
     """
     ny, nx = plane.patterns.shape[:2]
     waves = plane.about.waves

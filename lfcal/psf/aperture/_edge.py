@@ -243,9 +243,9 @@ def _errors(
 ) -> Values:
     """Return the standard errors of real and imaginary part of each harmonic of the edge (pixels).
 
-    White noise appears in the harmonics beyond those of any iris. Structure of the lit patch, mainly ripple that is
-    not a plane wave, appears on rings inside the edge, where the same sums along rays should vanish. The power along a
-    ring of radius r belongs to the angular frequency k/r, and to the edge's harmonic of that frequency.
+    White noise appears in the harmonics beyond those of any iris. Structure of the lit patch is mainly ripple that is
+    not a plane wave. It appears on rings inside the edge, where the same sums along rays should vanish. The power along
+    a ring of radius r belongs to the angular frequency k/r, and to the edge's harmonic of that frequency.
     """
     from scipy import ndimage
 

@@ -61,8 +61,8 @@ def mad(values: NDArray[np.float64]) -> float:
 def despike(image: Image) -> Image:
     """Return ``image`` with outliers replaced: pixels that differ from their 5 x 5 neighbourhood by six deviations.
 
-    Where the noise is small, a pixel of an edge or a corner also differs strongly from the median, but it is within
-    the range of its neighbours. Only a pixel beyond all but two of them is an outlier.
+    Where the noise is small, a pixel of an edge or a corner also differs strongly from the median. However, it is
+    within the range of its neighbours. Only a pixel beyond all but two of them is an outlier.
     """
     from lfcal.base import cv2
 

@@ -38,10 +38,10 @@ def expected_aperture(
 ) -> Aperture | None:
     """Return the geometric shadow of the iris on the sensor; None if the plane is not imaged or is in focus.
 
-    Lenslets are ignored: behind a main lens, a ray through the point p of the pupil meets the sensor at the distance
-    ``p (a - B)/(b + a)`` from the chief ray. Here b is the distance of the pupil in front of the lenslets, and a and B
-    are the distances of the image and of the sensor behind them. Other optics cast a round shadow of the radius ``|a -
-    B| / (2 N)``, with the working f-number N.
+    Lenslets are ignored. Behind a main lens, a ray through the point p of the pupil meets the sensor at the distance
+    ``p (a - B)/(b + a)`` from the chief ray. Here b is the distance of the pupil in front of the lenslets. Behind them,
+    a is the distance of the image and B that of the sensor. Other optics cast a round shadow of the radius
+    ``|a - B| / (2 N)``, with the working f-number N.
 
     Parameters
     ----------

@@ -208,8 +208,8 @@ class Aperture:
         Elongation of the outline as 1 minus the ratio of the minor to the major axis, and direction of the major axis
         (rad).
     vignetting
-        Relative decrease of the light from the centre to the mean radius of the edge; negative if the light increases
-        towards the edge, 0 if it was not measured.
+        Relative decrease of the light from the centre to the mean radius of the edge. It is negative if the light
+        increases towards the edge, and 0 if it was not measured.
     snr
         Signal-to-noise ratio: level of the lit area divided by the rms noise of a pixel.
     confidence
@@ -236,8 +236,8 @@ class Aperture:
     counts
         Fits of regular irises, one for each number of blades, best first; empty if none was tried.
     area_sigma_px2
-        Standard error of ``area_px2`` (px²) due to noise, shading, and light diffracted beyond the cutout; NaN if no
-        outline was fitted or the lit area has no uniform level.
+        Standard error of ``area_px2`` (px²) due to noise, shading, and light diffracted beyond the cutout. It is NaN if
+        no outline was fitted or the lit area has no uniform level.
 
     Examples
     --------

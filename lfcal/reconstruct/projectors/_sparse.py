@@ -27,7 +27,7 @@ class SparseOperand:
 class Sparse:
     """Project entry by entry: the cost is proportional to the number of non-zero entries of H.
 
-    Values are stored by phase, each phase's lattice contiguous and with zero margins, so that an entry is a shifted
+    Values are stored by phase, each phase's lattice contiguous and with zero margins. An entry is then a shifted
     multiply-add of whole lattices. ``phases`` (ny, nx) selects image phases.
     """
 

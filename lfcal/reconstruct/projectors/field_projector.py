@@ -1,9 +1,9 @@
 """Projector pair for an H that varies over the field: H of several regions, blended linearly.
 
 Patterns change slowly over the field. Between positions with a known H, the pattern of a voxel is the weighted mean of
-the surrounding patterns, with weights that are linear between positions (the spatial variation of Nagy & O'Leary 1998,
-SIAM J. Sci. Comput. 19, 1063). The weights belong to the emitting voxel, not to the pixel. The light of a voxel is thus
-the weighted mean over the regions, and a pattern is unchanged if only one region has a weight there. The operator
+the surrounding patterns. The weights are linear between positions (the spatial variation of Nagy & O'Leary 1998, SIAM
+J. Sci. Comput. 19, 1063). The weights belong to the emitting voxel, not to the pixel. The light of a voxel is thus the
+weighted mean over the regions, and a pattern is unchanged if only one region has a weight there. The operator
 ``sum_r H_r W_r`` has the exact adjoint ``sum_r W_r HT_r``.
 """
 
@@ -175,9 +175,9 @@ class FieldProjector(Projector):
     ----------
     matrices
         H of each region; periods and planes must be the same, but cutouts may differ. The ``anchor`` of each H states
-        the position of its region, whose centre is half a period below and to the right of the anchor, as in the scan.
-        Patterns of neighbouring regions must not be displaced relative to each other: over their distance, the
-        difference between the array's pitch and the period must add up to less than a pixel.
+        the position of its region. As in the scan, the centre of the region is half a period below and to the right of
+        the anchor. Patterns of neighbouring regions must not be displaced relative to each other. Over the distance of
+        the regions, the difference between the array's pitch and the period must add up to less than a pixel.
     image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
         As in `Projector`. The ``phases`` refer to the first H, and the regions share the memory of a device.
     anchor

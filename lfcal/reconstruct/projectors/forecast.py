@@ -71,7 +71,7 @@ class ProjectionProblem:
         Time to read one plane of H (s).
     kept
         Fraction of the entries of H that the method ``"reduced"`` stores in addition to its nodes, for each possible
-        spacing of the nodes; empty without a tolerance.
+        spacing of the nodes. It is empty without a tolerance.
     tiles
         Requested tiles. None: the forecast chooses them.
     noisy

@@ -69,10 +69,9 @@ class Projector:
     threshold
         Fraction of a plane's peak below which entries of H are treated as zero.
     tolerance
-        Largest fraction of the light that projections may omit, in [0, 1). For the operator Hs that is applied instead
-        of H, and any non-negative volume g, |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over
-        all voxels v. An H that changes slowly between positions is then projected several times faster. 0: exact
-        projections.
+        Largest fraction of the light that projections may omit, in [0, 1). An operator Hs is applied instead of H. For
+        any non-negative volume g, |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over all voxels
+        v. An H that changes slowly between positions is then projected several times faster. 0: exact projections.
     memory_limit
         Largest amount of memory that a projection may use (bytes). None: half of the free memory.
     workers

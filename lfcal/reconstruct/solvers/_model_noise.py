@@ -2,9 +2,9 @@
 
 Entry ``H[p, v]`` with variance ``a + c H[p, v]`` adds ``sum_v (a + c H[p, v]) g[v]^2`` to the variance of pixel p of
 the model ``H g``. This is added to data and model, like the square of the read noise (shifted Poisson: Snyder et al.
-1995), so that the weight of a pixel reflects its total variance. The errors of H are the same in every iteration. The
-misfit therefore does not decrease to that of the frame's noise. It levels off, and any further decrease is noise of
-the frame and of H that enters the volume. A run ends there.
+1995). The weight of a pixel then reflects its total variance. The errors of H are the same in every iteration. The
+misfit therefore does not decrease to that of the frame's noise. It levels off, and any further decrease is noise of the
+frame and of H that enters the volume. A run ends there.
 
 The variance is that of the recorded H even if the noise of its patterns is reduced (`lfcal.psf.denoising`). The
 remaining errors are shared by neighbouring voxels, so they add up in the image to about the same amount.

@@ -4,9 +4,9 @@ Deconvolution first finds the object and then fits noise, earlier with subsets a
 held-out pixels by a volume fitted to the others improves while the object is being found, and then gets worse
 (cross-validation: Coakley 1991 for Richardson-Lucy). The last improvements are small while noise still grows. A run
 therefore ends when, after two consecutive iterations, the expected further improvement is below the standard deviation
-of the score (the rule of one standard error, Breiman et al. 1984, section 3.4.3). Methods that suppress noise by a
-penalty lose nothing by continuing: they end at the best prediction. Neither the gain of the camera nor its noise needs
-to be known.
+of the score. This is the rule of one standard error (Breiman et al. 1984, section 3.4.3). Methods that suppress noise
+by a penalty lose nothing by continuing: they end at the best prediction. Neither the gain of the camera nor its noise
+needs to be known.
 
 This rule is suitable for volumes that are viewed. In sums over regions, noise averages out, but parts of the object
 that have not been found do not. An estimate of sums needs less regularisation than one of the entire volume

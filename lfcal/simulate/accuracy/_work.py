@@ -1,7 +1,7 @@
 """Work of the engines, by counts of samples, nodes and lenslets: the time for tables, and for a position.
 
-The times for each were fitted to the engines' tables and positions for the planes of 90 random cameras, on a machine
-with `FITTED_RATE` complex multiply-adds per second and thread in small matrix products.
+The times for each were fitted to the engines' tables and positions for the planes of 90 random cameras. The machine
+computed `FITTED_RATE` complex multiply-adds per second and thread in small matrix products.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Cost of a simulation, predicted from the description, short timings on this machine and earlier simulations.
 
 `lfcal.simulate.accuracy._work` counts the work of each engine, with times of a reference machine. A plane takes the
-time of its tables and positions, and that of the probe: tables and a few positions of the sampling and of the finer
-one with which it is compared. Forecasts for this machine are corrected by `lfcal.simulate.accuracy.calibration`. The
-choice of a sampling uses the times of the reference machine alone, so that it is the same on every machine.
-`lfcal.simulate.predict_seconds` runs the engine briefly instead, and is more accurate.
+time of its tables and positions, and that of the probe. The probe computes tables and a few positions of the sampling,
+and of the finer one with which it is compared. Forecasts for this machine are corrected by
+`lfcal.simulate.accuracy.calibration`. The choice of a sampling uses the times of the reference machine alone. It is
+therefore the same on every machine. `lfcal.simulate.predict_seconds` runs the engine briefly instead, and is more
+accurate.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
     """Return the fastest sampling of a level with an error of at most ``share``, or else that with the smallest error.
 
     Samplings are tried from the fastest that is expected to suffice; those that are slower than a finer one are
-    skipped. Each is compared with one that is finer in all respects: windows are compared with the whole array on one
+    skipped. Each is compared with one that is finer in all respects. Windows are compared with the whole array on one
     grid, and a grid with a finer grid. If no grid is large enough for the scene, windows are compared with wider ones
     whose fields are added. Windows follow exact angles only to first order. With exact angles, they are therefore
     compared with the reference instead if its grid is small enough. A smaller ``share`` never leads to a coarser

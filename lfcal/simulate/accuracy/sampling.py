@@ -79,8 +79,8 @@ DEBYE_GAIN = 2.5
 """Factor by which one more node per pixel reduces the Debye path's error, at least (measured: 2.6 to 5)."""
 
 GRID: tuple[tuple[float, int, float], ...] = ((1.0, 4, 0.008), (1.3, 5, 0.004), (1.6, 6, 0.002), (2.4, 9, 0.0012))
-"""Steps on one grid. Each has the ratio of samples to the fewest for the light's angles, the ratio to the fewest for
-the lenslets' edges, and the fraction of light outside its margins."""
+"""Steps on one grid. Each has the ratio of samples to the fewest for the light's angles, and the ratio to the fewest
+for the lenslets' edges. It also has the fraction of light outside its margins."""
 
 SAMPLED, STEEPNESS, ROUNDED = 0.82, 2.5, 1e-4
 """Error of n samples per pixel, of which the light's angles need m: ``SAMPLED`` (m/n)**``STEEPNESS`` divided by the
@@ -89,9 +89,9 @@ samples across a lenslet; and the rounding error. Fitted to grids of 45 random c
 
 DIM, SLOPE, DIMMEST, BRIGHT = 1.3, 1.5, 4.0, 0.15
 """Ratio of the error to the fraction of light outside a grid's margins. It is ``SLOPE`` times the excess over ``DIM``
-of the shadow's width, relative to the cutout's, and at most ``DIMMEST`` divided by that width: the tail of a wider
-shadow is further away. If most of the light falls into the cutout, it is ``BRIGHT``. (Measured: 1.8 with a ratio of
-widths of 2.4, 1.3 with 3.5, 0.9 with 4.4, and 0.5 with 8.)"""
+of the shadow's width, relative to the cutout's. It is at most ``DIMMEST`` divided by that width, because the tail of a
+wider shadow is further away. If most of the light falls into the cutout, it is ``BRIGHT``. (Measured: 1.8 with a ratio
+of widths of 2.4, 1.3 with 3.5, 0.9 with 4.4, and 0.5 with 8.)"""
 
 CAUTION = 1.2
 """Ratio of the expected error to its median over cameras. A sampling that fails costs time, and so does one that is too

@@ -238,7 +238,7 @@ class ArrayTilt(SceneEffect):
         """Return ``scene`` with the gap and image distance of the region, and with the tilt about its middle.
 
         Raise `InputError` if the gap in the region would be less than a fifth or more than three times that on the
-        axis, or if the lenslets would be at the exit pupil or beyond it.
+        axis. Do the same if the lenslets would be at the exit pupil or beyond it.
         """
         farther = self.farther_um(outlook)
         gap = scene.gap_um + farther

@@ -65,7 +65,7 @@ class ChromaticFocus(_Chromatic):
     Attributes
     ----------
     rate
-        Shift of the image away from the main lens per change of the wavelength (µm/µm); the shift is zero at the design
+        Shift of the image away from the main lens per change of the wavelength (µm/µm). The shift is zero at the design
         wavelength.
     width_um
         Full width of the spectrum (µm). None: that of the camera.

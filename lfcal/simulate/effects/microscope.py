@@ -47,11 +47,11 @@ class VectorialPupil(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the fraction of light outside the strongest of the five fields, and the relative error.
 
-        The formula for the error was fitted to simulations. In focus, the error grows with sin²(alpha), where alpha is
-        the half angle of the objective, and with the ratio of the focal spot to the lenslets. It is smaller if pixels
-        are wider than the interference fringes between lenslets. It decreases with defocus, because only light from
-        neighbouring parts of the pupil then overlaps on the sensor. For images behind the array, light from other parts
-        also overlaps, where micro-images do. With a main lens, both results are 0.
+        The formula for the error was fitted to simulations. In focus, the error grows with sin²(alpha), and with the
+        ratio of the focal spot to the lenslets. Here alpha is the half angle of the objective. The error is
+        smaller if pixels are wider than the interference fringes between lenslets. It decreases with defocus, because
+        only light from neighbouring parts of the pupil then overlaps on the sensor. For images behind the array, light
+        from other parts also overlaps, where micro-images do. With a main lens, both results are 0.
         """
         optics, lattice = outlook.camera.optics, outlook.camera.lattice
         if not isinstance(optics, Microscope):
@@ -103,7 +103,7 @@ class IndexMismatch(SceneEffect):
     index
         Refractive index of the specimen.
     depth_um
-        Depth of the nominal focal plane below the interface (µm); the nominal plane is where the focus would be without
+        Depth of the nominal focal plane below the interface (µm). The nominal plane is where the focus would be without
         the specimen. A plane at z is at the depth ``depth_um + z``. At a negative depth, the plane is in the immersion
         medium.
 

@@ -106,8 +106,8 @@ class IrisDiffraction(SceneEffect):
     """Fresnel fringes of the main iris on the lenslets; without this effect, the iris casts a sharp shadow.
 
     Fringes and shadow cannot be computed separately in the Debye integral of a microscope, or within the depth of
-    focus: for a Fresnel number of the shadow below 12, or below 8 with `ExactAngles`. In these cases, lenslet
-    diffraction always includes the fringes, even if this effect is off.
+    focus. Within the depth of focus, the Fresnel number of the shadow is below 12, or below 8 with `ExactAngles`. In
+    these cases, lenslet diffraction always includes the fringes, even if this effect is off.
 
     Examples
     --------
@@ -224,10 +224,10 @@ class ExactAngles(SceneEffect):
     """Non-paraxial angles: defocus of the main lens as a (1 - cos theta), and rays behind the lenslets along tan theta.
 
     Here a is the distance of the main lens's image behind the array, and theta the angle to the axis. Each of the two
-    changes alone would displace the rays through the lenslet centres, at the rim of the pupil by B/(2 (2 Nw)³), with
-    the gap B and the working f-number Nw. With both, these rays meet the sensor at their paraxial positions, because
-    their path to the image is a straight line. Two effects remain: the coma of lenslets with a parabolic phase, and a
-    shadow that is larger by the fraction 1/(8 Nw²).
+    changes alone would displace the rays through the lenslet centres. The displacement at the rim of the pupil is
+    B/(2 (2 Nw)³), with the gap B and the working f-number Nw. With both, these rays meet the sensor at their paraxial
+    positions, because their path to the image is a straight line. Two effects remain: the coma of lenslets with a
+    parabolic phase, and a shadow that is larger by the fraction 1/(8 Nw²).
 
     The Debye integral of a microscope is always exact up to the array. With this effect, the angles behind the array
     are exact too. Each response of a microscope is then computed on one two-dimensional grid instead of separately for
@@ -306,10 +306,10 @@ class ExactAngles(SceneEffect):
 class LensLaw(SceneEffect):
     """Departure of the main lens from the sine condition, for non-paraxial angles.
 
-    Without this effect, a ray from the height u in the pupil (1 at the rim) reaches the array at the angle theta to the
-    axis with sin theta = u/(2 Nw), as in a lens free of coma. Nw is the working f-number. In a thin lens with a stop of
-    diameter f/N, tan theta = u/(2 Nw). Compared with the sine condition, this has nearly the same effect as an iris
-    that is smaller by the fraction 1/(8 Nw²). A microscope objective obeys the sine condition.
+    Without this effect, rays reach the array as in a lens free of coma. A ray from the height u in the pupil (1 at the
+    rim) then has the angle theta to the axis, with sin theta = u/(2 Nw). Nw is the working f-number. In a thin lens
+    with a stop of diameter f/N, tan theta = u/(2 Nw). Compared with the sine condition, this has nearly the same effect
+    as an iris that is smaller by the fraction 1/(8 Nw²). A microscope objective obeys the sine condition.
 
     Attributes
     ----------

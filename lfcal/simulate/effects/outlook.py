@@ -218,8 +218,8 @@ class Outlook:
         """Relative L1 error of spots traced by rays instead of computed by waves.
 
         It is the mean of 0.65/(1 + N_F)^(1/3) over the lens types, with their Fresnel numbers N_F. In a microscope,
-        rays are also paraxial: their shadow has the radius M z sin(alpha) instead of M z tan(alpha), with the
-        magnification M, the depth z and the half angle alpha in object space. The resulting error, 2 sin²(alpha), is
+        rays are also paraxial: their shadow has the radius M z sin(alpha) instead of M z tan(alpha). Here M is the
+        magnification, z the depth, and alpha the half angle in object space. The resulting error, 2 sin²(alpha), is
         added in quadrature.
         """
         change = sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
@@ -269,8 +269,8 @@ class Outlook:
         """Return the relative L1 change of the image if the lenslets move by ``shift_px`` (px) and the source does not.
 
         Spots move by the fraction 1 - 1/v of the shift, with the virtual depth v, and the lenslet apertures by the full
-        shift. In a microscope, the light from neighbouring lenslets interferes. With the wavelength lambda, the gap B
-        and the lenslet pitch p, the period of the fringes is lambda B/p, which is finer than a defocused spot.
+        shift. In a microscope, the light from neighbouring lenslets interferes. The period of the fringes is
+        lambda B/p, with the wavelength lambda, the gap B and the lenslet pitch p. It is finer than a defocused spot.
         """
         shift = shift_px * math.hypot(0.5, 0.75 * (1.0 - 1.0 / self.virtual_depth))
         if self.has_lens:

@@ -14,7 +14,7 @@ J_m instead of J0, and the amplitude a_m in its integrand. Factors i^m, constant
 A dipole along x radiates, per solid angle, cos(t) cos(phi) along theta and -sin(phi) along phi. The objective turns
 theta into the radial direction, and the tube lens is so slow that fields stay transverse. Averaging over dipoles along
 x, y and z (Richards and Wolf 1959; Novotny and Hecht, Principles of Nano-Optics, 3.6 and 4.1) gives five fields whose
-intensities add: of order m = 0, and of m = 1 and 2 by cosine and sine of m phi, with
+intensities add. One has the order m = 0; those of m = 1 and 2 vary by cosine and sine of m phi, with
 
     a0 = (1 + cos t)/2,    a2 = (1 - cos t)/2,    a1 = sin t / sqrt(2),    a0² + a1² + a2² = 1,
 

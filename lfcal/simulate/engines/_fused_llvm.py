@@ -1,6 +1,6 @@
 """Compiled passes of a response on a grid: fast Fourier transforms on lanes, with all steps between them.
 
-Each lane holds one complex number of a separate transform, so that `LANES` columns or rows of the grid are transformed
+Each lane holds one complex number of a separate transform. `LANES` columns or rows of the grid are thus transformed
 together in the caches (Van Loan, Computational Frameworks for the Fast Fourier Transform, 1992). The forward transform
 decimates in frequency (Gentleman and Sande 1966), which leaves the frequencies in digit-reversed order. The inverse
 decimates in time (Cooley and Tukey 1965), which accepts this order, so that no reordering is needed. Butterflies of

@@ -3,7 +3,7 @@
 Each lenslet's part of the iris's shadow is drawn on the sensor with exact pixel areas.
 
 A pupil point u (in radii of the disc f/(2 Nw)) sends its ray through X = X0 + a' u/(2 Nw) on the array and, by a
-lenslet at c, to s = c + (1 - B'/f)(X - c) - B' u/(2 Nw). Two forms of this map avoid division by a' or sigma: lenslets
+lenslet at c, to s = c + (1 - B'/f)(X - c) - B' u/(2 Nw). Two forms of this map avoid division by a' or sigma. Lenslets
 smaller than the shadow are clipped by it and drawn; otherwise the pupil is clipped by the lenslet. Wavefront, iris
 fringes and lenslet diffraction are not part of this level.
 """

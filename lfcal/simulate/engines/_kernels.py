@@ -6,8 +6,8 @@ With c the lenslet, X0 the source's image and L = lambda B', the field behind th
            exp(-2 pi i x_k.(s - c + (B'/a')(c - X0))/L) dx^2,     x_k = (x0 + kx dx, y0 + ky dx).
 
 The sum is split by parity in both axes. Samples and nodes are symmetric about 0. Therefore only cosines and sines over
-half the samples and half the nodes are needed, as real matrices that are the same for every lenslet of a type. This
-takes a quarter of the products of the complex form. Every product is kept below 2^18 multiply-adds, below which BLAS
+half the samples and half the nodes are needed. They are real matrices, the same for every lenslet of a type. This takes
+a quarter of the products of the complex form. Every product is kept below 2^18 multiply-adds, below which BLAS
 libraries do not start threads.
 
 Functions and records that a kernel uses must be in the same file, because the cache on disk only detects changes of

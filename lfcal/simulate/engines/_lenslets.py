@@ -73,7 +73,7 @@ def select(
     """List in ``spots`` the positions whose light passes a lenslet and reaches the cutout; return their number.
 
     Positions whose light reaches the lenslet only outside the window are listed from the end, with ``energy_in`` for
-    uniform light through the lenslet; their number is the second return value.
+    uniform light through the lenslet. Their number is the second return value.
 
     Parameters
     ----------

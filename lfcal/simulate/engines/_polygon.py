@@ -223,9 +223,8 @@ def _edge_rows(
         F(f) = i / (2 pi |f|^2) sum_edges (f_x e_y - f_y e_x) (sinc(f.e) exp(-2 pi i f.m) - 1),
 
     where the 1, which cancels in the sum because edges form a closed polygon, keeps the terms as small as the result
-    as f goes to 0. Sines and phases of f.e = f_x e_x + f_y e_y come from those along the axes by the addition theorem;
-    none is computed per point. f = 0 gets 0. ``along``
-    ``(4, len(fx))`` is scratch memory.
+    as f goes to 0. Sines and phases of f.e = f_x e_x + f_y e_y come from those along the axes by the addition theorem.
+    None is computed per point. The frequency f = 0 gets 0. ``along`` ``(4, len(fx))`` is scratch memory.
     """
     sx, cx, px, qx = along[0], along[1], along[2], along[3]
     for k in range(closed.shape[0] - 1):

@@ -1,8 +1,8 @@
 """Compiled loops of the microscope's separable path: V = A_y U A_x^T on the sensor's nodes (see `microscope.py`).
 
-Complex products use three real ones (Gauss): with parts stored as real, imaginary and their sum, re = p - q and
-im = s - p - q for p, q, s the products of like parts. Every product stays below 2^18 multiply-adds, below which BLAS
-libraries do not start threads. The largest products are in `_tile_llvm.py`.
+Complex products use three real ones (Gauss). Parts are stored as real, imaginary and their sum; with the products p, q,
+s of like parts, re = p - q and im = s - p - q. Every product stays below 2^18 multiply-adds, below which BLAS libraries
+do not start threads. The largest products are in `_tile_llvm.py`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def fold_rows(wide: Array, row_of: Array, middle: Array, out: Array) -> None:
 
     Node r responds to a sample k on either side as ``wide[row_of[r], middle[r] -+ k]``. A sample and its mirror image
     share one column of A, in ``out`` (parities, 3, nodes, n): the sum of both for an even field in out[0], their
-    difference for an odd one in out[1]; the middle one counts once, and an odd field is 0 there.
+    difference for an odd one in out[1]. The middle sample counts once, and an odd field is 0 there.
     """
     for r in range(row_of.size):
         line, m = wide[row_of[r]], middle[r]

@@ -1,6 +1,6 @@
 """Light of a response on the microscope's separable path, from the field's factors on rows and columns of nodes.
 
-numba cannot express registers that hold sums over a whole loop, so it is written as LLVM code for any processor.
+numba cannot express registers that hold sums over a whole loop. It is therefore written as LLVM code for any processor.
 """
 
 from __future__ import annotations

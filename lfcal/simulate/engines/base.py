@@ -37,8 +37,8 @@ class Sampling:
     margin_px
         Margin of the window around the geometric spot, or of the grid around the iris's shadow (px).
     energy_floor
-        Threshold for leaving out dim lenslets: those that transmit less than this fraction of the light of the
-        brightest lenslet, or of a sixteenth of all light if that is less.
+        Threshold for leaving out dim lenslets, as a fraction of the light of the brightest lenslet, or of a sixteenth
+        of all light if that is less. Lenslets that transmit less are left out.
     coherent
         Whether the fields of different lenslets are added before squaring, so that they interfere. None: chosen for the
         plane.

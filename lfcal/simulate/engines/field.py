@@ -158,8 +158,8 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
     Raises
     ------
     InputError
-        If the table would need more than `MAX_SAMPLES` along a side, the iris's diffraction is off in mode ``"U"``,
-        ``dx`` is too large for this mode, or a mode of a microscope does not match `Scene.vectorial`.
+        If the table would need more than `MAX_SAMPLES` along a side. Also if the iris's diffraction is off in mode
+        ``"U"``, ``dx`` is too large for this mode, or a mode of a microscope does not match `Scene.vectorial`.
     """
     chosen = mode or choose_mode(scene)
     made, transformed = _made(scene, dx, half, chosen)

@@ -1,8 +1,8 @@
 """Lenslet apertures with low-passed edges, so that sums over samples are exact for band-limited fields.
 
-A hard mask on samples ``dx`` apart has an area error of 4e-4 at two samples per pixel. An indicator whose spectrum is
-exact up to W and falls to zero at 1/dx - W makes the trapezoid rule exact for every field band-limited to W. The
-removed part could only alias.
+A hard mask on samples ``dx`` apart has an area error of 4e-4 at two samples per pixel. Here, the spectrum of an
+indicator is exact up to W and falls to zero at 1/dx - W. The trapezoid rule is then exact for every field band-limited
+to W. The removed part could only alias.
 """
 
 from __future__ import annotations

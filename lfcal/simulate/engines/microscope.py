@@ -13,8 +13,8 @@ Pixels that little light reaches have half the nodes. Positions that are mirror 
 response: for lenslets of 15 pixels, 36 of 225 remain. Other arrays use the coherent sum over lenslets in the wave
 engine, with the same field.
 
-The fields of a vectorial scene are even or odd in each of x and y, and so are the halved matrices of the axes; their
-intensities add. Mirroring keeps the light of each field; transposing exchanges those of the same order.
+The fields of a vectorial scene are even or odd in each of x and y, and so are the halved matrices of the axes. The
+intensities of the fields add. Mirroring keeps the light of each field; transposing exchanges those of the same order.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ SPARE_ORDERS, SPARE_SHARE = 20, 3
 """Additional diffraction orders of the array, beyond those in its geometric cone, for each node per pixel above one.
 
 The first number is the minimum, and the second is a multiple of the orders in the cone. Where lenslets meet, their
-phase has a kink, near which the sum of n orders has an error of 0.6 N/n, with N orders in the cone. With N = 18 (f/7)
-and 20 additional orders, the light of an image on a corner is 1.5 % too large; with 54 additional orders, 1e-4. The
-kinks also scatter light far from the image. In a cutout of 151 pixels, 20 additional orders miss 0.2 % of the light of
-an image on a corner, and 60 miss 0.02 %.
+phase has a kink. Near it, the sum of n orders has an error of 0.6 N/n, with N orders in the cone. With N = 18 (f/7) and
+20 additional orders, the light of an image on a corner is 1.5 % too large; with 54 additional orders, 1e-4. The kinks
+also scatter light far from the image. In a cutout of 151 pixels, 20 additional orders miss 0.2 % of the light of an
+image on a corner, and 60 miss 0.02 %.
 """
 MOST_SPARE = 4
 """Largest multiple of the spare orders; more orders have no effect."""
@@ -319,7 +319,7 @@ class DebyePlane:
         """Return the fields ``(nodes, distances)`` of coarse samples at nodes, ``behind`` a lenslet's centre.
 
         Distances are ``aside`` plus up to ``reach`` steps of the coarse grid to either side. The lenslets' phase is
-        periodic, sum_m t_m exp(2 pi i m (x - place)/p), and order m of a band-limited sample psi at x_k arrives as
+        periodic, sum_m t_m exp(2 pi i m (x - place)/p). Order m of a band-limited sample psi at x_k arrives as
         exp(-i pi L m^2/p^2 + 2 pi i m s/p) psi_L(s - x_k - L m/p), L = lambda B.
         """
         scene, dx = self.scene, self._coarse

@@ -32,8 +32,8 @@ PUPIL_LEVELS = ("wave", "reference")
 """Levels of this engine: windows about the spots, or the whole cutout behind every lenslet."""
 
 OUTSIDE = 0.27
-"""L1 error of a spot in a window of half width m lambda B/d, times m: 0.2 of its light is outside (2/pi² for a square
-aperture), and interferes with the other lenslets' spots."""
+"""L1 error of a spot in a window of half width m lambda B/d, times m. The fraction 0.2 of its light is outside (2/pi²
+for a square aperture), and interferes with the other lenslets' spots."""
 
 PERIODS = 1.5
 """Ratio of the distance of a spot's aliases to the width of its window, so that no alias reaches into it."""

@@ -183,7 +183,7 @@ def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
 def ray_aberration(scene: Scene) -> float:
     """Return an upper bound of the displacement of rays on the array by the wavefront (µm).
 
-    The displacement is 2 Nw lambda dW/du, with the working f-number Nw, the wavelength lambda, and the wavefront W
+    The displacement is 2 Nw lambda dW/du, with the working f-number Nw and the wavelength lambda. W is the wavefront
     (waves) as a function of the distance u from the pupil's centre (pupil radii).
 
     A Zernike polynomial of order n that is 1 at the rim has slopes up to n^2.
@@ -346,8 +346,8 @@ def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px:
     """Return the largest distance from the source's image at which lenslets contribute (µm).
 
     The fraction of light that is diffracted farther than r beyond the edge of the iris's shadow is 2 lambda Nw / (pi^2
-    r), with the wavelength lambda and the working f-number Nw. A lenslet does not contribute if it is darker than
-    `Sampling.energy_floor`, if it is beyond the reach of the sampled spectrum, or if its spot misses the cutout.
+    r). Here lambda is the wavelength and Nw the working f-number. A lenslet does not contribute if it is darker than
+    `Sampling.energy_floor`, or beyond the reach of the sampled spectrum. Neither does one whose spot misses the cutout.
     ``mode`` is as in `build_tables`, ``dx`` is the sample spacing of the field (µm), and ``half_px`` half the window on
     the sensor (pixels).
     """

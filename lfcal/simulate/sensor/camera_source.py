@@ -210,8 +210,8 @@ class SimulatedCamera(Frames):
         Parameters
         ----------
         source_um
-            Source position (x, y, z) in object space (µm): to the right of and below the point imaged onto the sensor's
-            centre, and away from the camera, relative to the working plane.
+            Source position (x, y, z) in object space (µm). The axes x and y point to the right and down from the point
+            imaged onto the sensor's centre; z points away from the camera, relative to the working plane.
         """
         right, down, away = source_um
         z = int(np.argmin(np.abs(np.array(self.plan.depths_um) - away)))

@@ -1,8 +1,8 @@
 """Convert light on the sensor to a frame by applying the frame effects in order, reproducibly.
 
-A frame is processed in strips of rows. Every effect on every strip of every frame has separate random numbers, derived
-from the seed, the kind of frame, its index, the strip and the effect. Frames may therefore be made in any order and in
-any thread, and adding or removing an effect does not change the numbers of the others.
+A frame is processed in strips of rows. Every effect on every strip of every frame has separate random numbers. They are
+derived from the seed, the kind of frame, its index, the strip and the effect. Frames may therefore be made in any order
+and in any thread, and adding or removing an effect does not change the numbers of the others.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def expose(
     exposure_s
         Exposure time (s).
     seed, kind, index
-        Seed, kind of frame and index of the frame, which together determine the random numbers; the fixed pattern
+        Seed, kind of frame and index of the frame, which together determine the random numbers. The fixed pattern
         depends only on the seed.
 
     Returns

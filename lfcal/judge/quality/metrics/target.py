@@ -40,8 +40,8 @@ def _metric(
 ) -> MetricSpec:
     """Return a metric of a number stated in the provenance; fractions are in per cent.
 
-    ``limits`` are the limits of good and bad values, ``cost`` is the cost at the limit of bad values and the largest
-    cost, and ``words`` are title, meaning and advice.
+    ``limits`` are the limits of good and bad values. The pair ``cost`` is the cost at the limit of bad values and the
+    largest cost. The texts ``words`` are title, meaning and advice.
     """
     (good, bad), (at_bad, worst), (title, meaning, advice) = limits, cost, words
     pixels = reported.endswith("_px")
