@@ -30,6 +30,7 @@ def scan(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -> None:
     chart = tmp_path / "a.png"
     words = ("accuracy", h, "--part", "storage", "--draw", chart)
@@ -79,10 +80,14 @@ def test_a_part_that_takes_too_long_is_named(lfcal: Lfcal, scan: Path, monkeypat
 def test_a_camera_needs_planes_and_the_parts_are_listed(lfcal: Lfcal) -> None:
     said = "expected depths in µm (--depths) or virtual depths (--virtual-depths), got neither"
     lfcal("accuracy", "bench", "--part", "bases").refused(said)
-    lfcal("accuracy", "bench", "--depths", "-20mm", "--cutout", "31", "--part", "bases", "--json").ok()
     listed = lfcal("accuracy", "list").ok().out
     assert all(part.title.split(":")[0] in listed for part in PARTS)
     assert [entry["name"] for entry in lfcal("accuracy", "list", "--json").json] == list(PARTS.names())
+
+
+@pytest.mark.long
+def test_a_camera_with_planes(lfcal: Lfcal) -> None:
+    lfcal("accuracy", "bench", "--depths", "-20mm", "--cutout", "31", "--part", "bases", "--json").ok()
 
 
 def test_bad_options_are_one_line(lfcal: Lfcal, h: Path) -> None:

@@ -36,6 +36,8 @@ from tests.targets.common import small
 Acquire = Lfcal
 
 PLAN = small_plan((2, 3), 2)
+QUICKLY = ("--option", "optics=pattern")
+"""Any frames will do: those of the plan's camera take seconds."""
 
 
 @pytest.fixture
@@ -62,7 +64,7 @@ def test_the_session_keeps_how_it_is_recorded(acquire: Acquire, tmp_path: Path) 
         (("--suspend", "temperature=20:22", "--suspend", "lamp=90:"), "suspend", ("temperature=20:22", "lamp=90:")),
         (("--steady", 2), "steady_s", 2.0),
     )
-    acquire(*(word for options, _, _ in every for word in options)).ok()
+    acquire(*QUICKLY, *(word for options, _, _ in every for word in options)).ok()
     kept = SessionFile.read(tmp_path / "s").options
     for _, name, value in every:
         assert getattr(kept, name) == value != getattr(Options(), name), name
@@ -77,7 +79,7 @@ def test_assumed_values_of_the_camera_are_named_once(acquire: Acquire, tmp_path:
 
 
 def test_retries_decide_whether_a_fault_ends_the_session(acquire: Acquire, tmp_path: Path) -> None:
-    fault = ("--option", "faults=times out@2*1")
+    fault = (*QUICKLY, "--option", "faults=times out@2*1")
     acquire(*fault, "--retries", 0).refused("positions are safe")
     assert acquire(*fault, "--retries", 1, out="t").code == 0 and len(frames_of(tmp_path / "t")) == PLAN.n_positions
 
@@ -90,8 +92,14 @@ def test_frames_of_one_backend_and_the_stage_of_another(acquire: Acquire, tmp_pa
     acquire("--stage", "aravis").refused("a backend with a stage")
 
 
-def test_resume_compares_the_last_position_by_default(acquire: Acquire, tmp_path: Path) -> None:
-    """A stage that goes elsewhere than in the run before is found out, or accepted with --no-check-origin."""
+def test_resume_compares_the_last_position_by_default(acquire: Acquire) -> None:
+    acquire(*QUICKLY, "--option", "faults=times out@6*9").refused("positions are safe")
+    acquire(*QUICKLY, "--resume", "--option", "axes=-x,+y,+z").refused("last recorded position")
+
+
+@pytest.mark.long
+def test_a_stage_that_goes_elsewhere_is_found_out_or_accepted(acquire: Acquire, tmp_path: Path) -> None:
+    """Frames of the plan's camera; --no-check-origin accepts the stage."""
     acquire("--option", "faults=times out@6*9").refused("positions are safe")
     moved = ("--resume", "--option", "axes=-x,+y,+z")
     acquire(*moved).refused("last recorded position")
@@ -243,6 +251,7 @@ def sample(tmp_path: Path) -> Path:
     return Path(shutil.copytree(SAMPLE, tmp_path / "recorded"))
 
 
+@pytest.mark.long
 def test_a_whole_session_and_its_h(lfcal: Lfcal, sample: Path, tmp_path: Path) -> None:
     run = lfcal("verify", sample)
     assert (run.code, run.out, run.err) == (0, f"{sample}: This session is intact in 636 of 636 frames.\n", "")
@@ -271,16 +280,26 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     assert not (tmp_path / "H.h5").exists()
     run = lfcal("assemble", sample, "-o", tmp_path / "H.h5", "--skip-damaged").ok()
     assert "left out: recording.h5[400], (z, y, x) = (0, 12, 4)" in run.err
+    with open_psf(tmp_path / "H.h5") as matrix:
+        assert matrix.recorded[0, 12, 4] == 0
+
+
+@pytest.mark.long
+def test_an_h_without_a_damaged_frame_and_the_list_of_it(lfcal: Lfcal, sample: Path, tmp_path: Path) -> None:
+    rot_frame(sample / "recording.h5", 400)
+    assert lfcal("verify", sample, "--redo", tmp_path / "redo.json").code == 1
     assert lfcal("verify", sample, "--redo", tmp_path / "redo.json").code == 2, "an earlier list is not replaced"
     assert lfcal("verify", sample, "--redo", tmp_path / "redo.json", "--force").code == 1
-    data: Any = lfcal("assemble", sample, "-o", tmp_path / "H.h5", "--force", "--skip-damaged", "--json").json
+    data: Any = lfcal("assemble", sample, "-o", tmp_path / "H.h5", "--skip-damaged", "--json").json
     assert data["missing"] == [[0, 12, 4]] and data["left_out"][0]["position"] == [0, 12, 4]
     with open_psf(tmp_path / "H.h5") as matrix:
         assert matrix.recorded[0, 12, 4] == 0
+    lfcal("assemble", sample, "-o", tmp_path / "H.h5", "--force", "--skip-damaged").ok()
     said = "Positions never recorded: 1 position. Record these positions, or fill them"
     assert said in lfcal("verify", tmp_path / "H.h5").out
 
 
+@pytest.mark.long
 def test_json_lists_everything(lfcal: Lfcal, sample: Path) -> None:
     for slot in range(30):
         rot_frame(sample / "recording.h5", slot)
@@ -373,10 +392,15 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_frames_of_a_target_are_assembled(lfcal: Lfcal, recorded: Path, tmp_path: Path) -> None:
+    run = lfcal("assemble", recorded / "frames", "-o", tmp_path / "H.h5").ok()
+    assert "points in 2 frames" in run.out and "row 2 is missing" in run.out and "positions without a frame" in run.out
+
+
+@pytest.mark.long
 def test_frames_of_a_target_are_assembled_and_inspected(lfcal: Lfcal, recorded: Path, tmp_path: Path) -> None:
     out = tmp_path / "H.h5"
-    run = lfcal("assemble", recorded / "frames", "-o", out).ok()
-    assert "points in 2 frames" in run.out and "row 2 is missing" in run.out and "positions without a frame" in run.out
+    lfcal("assemble", recorded / "frames", "-o", out).ok()
     told = json.loads(lfcal("inspect", out, "--seconds", "0", "--json").out)
     found = {one["key"]: one for one in told["metrics"]}
     assert found["target_pose"]["merit"] == "good" and found["target_crosstalk"]["value"] == pytest.approx(0.4, rel=0.5)

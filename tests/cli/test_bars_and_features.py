@@ -83,6 +83,7 @@ def test_maps_and_sums_are_those_of_python(lfcal: Lfcal, place: Path, tmp_path: 
     assert "3 replicates" in done.out and "Intervals were tested only with 60 iterations of rl-nesterov" in done.out
 
 
+@pytest.mark.long
 def test_other_executors_formats_and_ways_agree(lfcal: Lfcal, place: Path, tmp_path: Path) -> None:
     words = ("reconstruct", place / "H.h5", place / "frame.tif", "--bars", *QUICK)
     lfcal(*words, "-o", tmp_path / "a.npy").ok()
@@ -131,6 +132,20 @@ def test_a_stopped_run_continues(lfcal: Lfcal, place: Path, tmp_path: Path, monk
     assert not list(tmp_path.glob("*.parts"))
 
 
+def test_far_from_the_regions_there_is_no_map(lfcal: Lfcal, place: Path, tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "near.tif", np.pad(np.ones((6, 7), np.uint8), ((12, 22), (11, 26))))
+    words = ("reconstruct", place / "H.h5", place / "frame.tif", "--bars")
+    regions = ("--labels", tmp_path / "near.tif", "--crop")
+    lfcal(*words, *QUICK, *regions, "-o", tmp_path / "part.npy").ok()
+    sigma = np.load(tmp_path / "part_sigma.npy")
+    # the cutout has 5 pixels
+    known = np.zeros(SHAPE, bool)
+    known[7:23, 6:23] = True
+    np.testing.assert_array_equal(np.isfinite(sigma), np.broadcast_to(known, sigma.shape))
+    lfcal(*words, "--crop", "-o", tmp_path / "v.npy").refused("--crop: expected regions")
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("margin", [0, 6])
 def test_around_the_regions_the_bars_are_those_of_the_whole_frame(
     lfcal: Lfcal, place: Path, tmp_path: Path, margin: int
@@ -155,7 +170,6 @@ def test_around_the_regions_the_bars_are_those_of_the_whole_frame(
         assert float(rows["part"][key]) == pytest.approx(float(rows["whole"][key]), rel=0.4), key
     inner = (slice(None), slice(12, 18), slice(11, 18))
     assert np.median(sigma[inner] / other[inner]) == pytest.approx(1, abs=0.15)
-    lfcal(*words[:-2], "--crop", "-o", tmp_path / "v.npy").refused("--crop: expected regions")
 
 
 def test_settings_that_do_not_apply_are_refused(lfcal: Lfcal, place: Path, tmp_path: Path) -> None:
@@ -181,6 +195,7 @@ def test_settings_that_do_not_apply_are_refused(lfcal: Lfcal, place: Path, tmp_p
         assert run.code == 2 and said in run.err and not list(tmp_path.iterdir()), (words, run.err)
 
 
+@pytest.mark.long
 def test_the_tests_of_intervals_are_quoted_for_the_default_settings(lfcal: Lfcal, place: Path, tmp_path: Path) -> None:
     frame = tifffile.imread(place / "frame.tif").astype(np.float32)
     frame[3, 4:6] = np.nan
@@ -246,6 +261,7 @@ def test_table_and_rest_are_those_of_python(lfcal: Lfcal, beads: Path, tmp_path:
     assert "bead" in done.out and "line" in done.out and "rest_features.csv" in done.out
 
 
+@pytest.mark.long
 def test_beads_are_found_and_the_table_can_be_used_again(lfcal: Lfcal, beads: Path, tmp_path: Path) -> None:
     words = ("reconstruct", beads / "H.h5", beads / "frame.tif", *FAST)
     done = lfcal(*words, "-o", tmp_path / "a.tif", "--features", "auto", "--json").ok()
@@ -273,6 +289,7 @@ def test_tables_that_cannot_be_used_are_refused(lfcal: Lfcal, beads: Path, tmp_p
     lfcal(*words, "auto", "-n", "auto").refused("iterations of a fit of features: expected a fixed number")
 
 
+@pytest.mark.long
 def test_a_place_without_a_bead_has_no_uncertainty(lfcal: Lfcal, beads: Path, tmp_path: Path) -> None:
     """A fit that wandered away from an empty place claimed that its column and depth were exact."""
     y, x = np.indices(FIELD)
@@ -309,6 +326,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_uncertainty_of_a_fit_lengthens_the_bars(lfcal: Lfcal, fitted: Path, tmp_path: Path) -> None:
     """With --fit, sums have a part that is due to H, and features are less certain; H is varied only once."""
     words = ("reconstruct", fitted / "fit" / "H.h5", fitted / "frame.tif", "--margin", 0, "--gain", 1)
@@ -333,11 +351,15 @@ def test_the_uncertainty_of_a_fit_lengthens_the_bars(lfcal: Lfcal, fitted: Path,
     assert (fitted / "fit" / "deviations.h5").stat().st_mtime_ns == made
 
 
-def test_a_fit_that_does_not_apply_is_refused(lfcal: Lfcal, fitted: Path, place: Path, tmp_path: Path) -> None:
+def test_a_fit_that_does_not_apply_is_refused(lfcal: Lfcal, place: Path, tmp_path: Path) -> None:
+    words = ("reconstruct", place / "H.h5", place / "frame.tif", "-o", tmp_path / "v.npy", "--fit", place)
+    lfcal(*words).refused("--fit: expected")
+    lfcal(*words, "--bars", "--region", place / "H.h5").refused("--fit: expected H of one region")
+
+
+@pytest.mark.long
+def test_a_fit_of_another_scan_is_refused(lfcal: Lfcal, fitted: Path, place: Path, tmp_path: Path) -> None:
     out = ("-o", tmp_path / "v.npy", "--fit", fitted / "fit")
     lfcal("reconstruct", fitted / "fit" / "H.h5", fitted / "frame.tif", *out).refused("--fit: expected")
-    lfcal("reconstruct", place / "H.h5", place / "frame.tif", *out, "--bars").refused(
-        "the folder of the fit of this scan"
-    )
-    words = ("reconstruct", place / "H.h5", place / "frame.tif", *out, "--bars", "--region", place / "H.h5")
-    lfcal(*words).refused("--fit: expected H of one region")
+    words = ("reconstruct", place / "H.h5", place / "frame.tif", *out, "--bars")
+    lfcal(*words).refused("the folder of the fit of this scan")

@@ -288,6 +288,13 @@ def test_a_camera_that_differs_is_measured(lfcal: Lfcal, tmp_path: Path) -> None
     assert measured.pitch_px == pytest.approx(16.0, abs=0.01)
     assert measured.marks["lattice.pitch_um"] == measured.marks["lattice.rotation_rad"] == "measured"
     assert measured.lattice.rotation_rad == pytest.approx(0.004, abs=2e-4)
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("here")
+def test_a_measured_camera_fits_and_is_replaced_with_force_alone(lfcal: Lfcal, tmp_path: Path) -> None:
+    camera, out = described(pitch=16.1, rotation=0.0), tmp_path / "m.json"
+    check(lfcal, camera, tmp_path, "-o", out).ok()
     lfcal("camera", "check", out, "white.tif", *DARK).ok()
     check(lfcal, camera, tmp_path, "-o", out).refused("--force")
     check(lfcal, camera, tmp_path, "-o", out, "--force").ok()
@@ -330,6 +337,13 @@ def test_a_camera_that_does_not_fit_is_written_on_request_alone(lfcal: Lfcal, tm
     done = lfcal(*words)
     assert done.code == 1 and "does not fit" in done.out and not out.exists()
     assert "nothing written: camera and white image do not match" in done.err and "--anyway" in done.err
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("here")
+def test_a_camera_that_does_not_fit_is_written_anyway(lfcal: Lfcal, tmp_path: Path) -> None:
+    out = tmp_path / "measured.json"
+    words = ("camera", "check", "camera.json", "white.tif", *DARK, "--workers", "2", "-o", out)
     done = lfcal(*words, "--json")
     assert done.code == 1 and done.json["written"] is None and not out.exists()
     assert "do not match" not in lfcal(*words, "--anyway").ok().err
@@ -338,13 +352,21 @@ def test_a_camera_that_does_not_fit_is_written_on_request_alone(lfcal: Lfcal, tm
 
 @pytest.mark.usefixtures("here")
 def test_a_mirrored_white_image_is_named_and_no_camera_written(lfcal: Lfcal, tmp_path: Path) -> None:
-    mirrored, out, upright = (tmp_path / name for name in ("mirrored.tif", "measured.json", "upright.json"))
+    mirrored, out = tmp_path / "mirrored.tif", tmp_path / "measured.json"
     tifffile.imwrite(mirrored, tifffile.imread("white.tif")[:, ::-1].copy())
     words = ("camera", "check", "fitting.json", mirrored, *DARK, "--workers", "2", "-o", out)
     done = lfcal(*words)
     assert done.code == 1 and not out.exists()
     assert "the frames are mirrored left to right" in done.err and "σ" in done.err
     assert "--orientation mirror-x, here, in lfcal plan and in lfcal assemble" in done.err
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("here")
+def test_a_mirrored_white_image_is_turned_on_request(lfcal: Lfcal, tmp_path: Path) -> None:
+    mirrored, out, upright = (tmp_path / name for name in ("mirrored.tif", "measured.json", "upright.json"))
+    tifffile.imwrite(mirrored, tifffile.imread("white.tif")[:, ::-1].copy())
+    words = ("camera", "check", "fitting.json", mirrored, *DARK, "--workers", "2", "-o", out)
     assert lfcal(*words, "--json").json["turned"] == ["mirror-x"]
     assert "mirrored" not in lfcal(*words, "--orientation", "mirror-x").ok().err
     lfcal("camera", "check", "fitting.json", "white.tif", *DARK, "-o", upright).ok()
@@ -353,6 +375,14 @@ def test_a_mirrored_white_image_is_named_and_no_camera_written(lfcal: Lfcal, tmp
     assert ours.offset_um == pytest.approx(theirs.offset_um, abs=0.05)
 
 
+@pytest.mark.usefixtures("here")
+def test_a_folder_of_dark_frames_has_images(lfcal: Lfcal, tmp_path: Path) -> None:
+    (tmp_path / "none").mkdir()
+    none = lfcal("camera", "check", "fitting.json", "white.tif", "--dark", tmp_path / "none")
+    none.refused("expected at least one image")
+
+
+@pytest.mark.long
 @pytest.mark.usefixtures("here")
 def test_dark_and_white_frames_may_be_folders(lfcal: Lfcal, tmp_path: Path) -> None:
     """As `lfcal assemble` takes them: the means of all frames in the folder."""
@@ -366,9 +396,6 @@ def test_dark_and_white_frames_may_be_folders(lfcal: Lfcal, tmp_path: Path) -> N
     lfcal("camera", "check", "fitting.json", *folders, "-o", several).ok()
     assert read(several).lattice == read(single).lattice
     lfcal("white", *folders, "-o", tmp_path / "out").ok()
-    (tmp_path / "none").mkdir()
-    none = lfcal("camera", "check", "fitting.json", "white.tif", "--dark", tmp_path / "none")
-    none.refused("expected at least one image")
 
 
 @pytest.mark.usefixtures("here")
@@ -386,6 +413,7 @@ def test_a_white_image_of_a_part_of_the_sensor(lfcal: Lfcal, tmp_path: Path) -> 
     turned.refused("as-is with --origin")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("here")
 def test_masked_pixels_of_a_part_of_the_sensor(lfcal: Lfcal, tmp_path: Path) -> None:
     """The list counts rows and columns on the sensor, the frame starts at --origin."""

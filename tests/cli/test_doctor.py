@@ -48,6 +48,10 @@ def test_every_plugin_that_fails_is_named_with_the_reason(broken: Path) -> None:
         (f"{group.split('.')[1]}_of_theirs", kind) for group, kind in KINDS.items()
     }
     assert all("RuntimeError: their [driver] is missing" in p["reason"] for p in found)
+
+
+@pytest.mark.long
+def test_plugins_that_fail_are_shown_with_the_reason(broken: Path) -> None:
     shown = in_a_new_process(broken, DOCTOR.format("").replace(", ]", "]"))
     rows = [line for line in shown.splitlines() if "their [driver] is missing" in line]
     assert "plug-in not loaded" in shown and len(rows) >= len(KINDS)

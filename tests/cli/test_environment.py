@@ -42,16 +42,17 @@ def in_a_shell(place: Path, words: list[str], redirect: str = "") -> tuple[int, 
 
 @POSIX
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
-def test_closed_and_full_streams_end_without_a_traceback(place: Path) -> None:
-    for redirect, code, words in (
-        ("2>&-", 0, ""),
-        (">&-", 0, ""),
-        ("2>/dev/full", 0, ""),
+@pytest.mark.parametrize(
+    ("redirect", "code", "words"),
+    [
         (">/dev/full", 2, "lfcal: standard output: No space left on device; check where it is written to"),
-    ):
-        found, said = in_a_shell(place, ["export", "H.h5", "-o", "out.npy", "--force"], redirect)
-        assert (found, said.strip()) == (code, words), redirect
-        (place / "out.npy").unlink()
+        *(pytest.param(redirect, 0, "", marks=pytest.mark.long) for redirect in ("2>&-", ">&-", "2>/dev/full")),
+    ],
+)
+def test_closed_and_full_streams_end_without_a_traceback(place: Path, redirect: str, code: int, words: str) -> None:
+    found, said = in_a_shell(place, ["export", "H.h5", "-o", "out.npy", "--force"], redirect)
+    assert (found, said.strip()) == (code, words)
+    assert (place / "out.npy").exists()
 
 
 @POSIX
@@ -81,6 +82,7 @@ for words in ([], ["simulate"], ["camera", "new"], ["camera", "import"], ["multi
 """
 
 
+@pytest.mark.long
 @POSIX
 def test_help_is_the_same_without_docstrings_in_compiled_code(tmp_path: Path) -> None:
     """``python -OO`` drops docstrings, which once emptied the list of commands."""
@@ -92,6 +94,7 @@ def test_help_is_the_same_without_docstrings_in_compiled_code(tmp_path: Path) ->
     assert usual.stdout.count(b"Usage: lfcal") == 6 and without.stdout == usual.stdout
 
 
+@pytest.mark.long
 @POSIX
 def test_a_file_whose_name_is_not_text_can_be_inspected(place: Path) -> None:
     odd = os.fsdecode(b"H\xff.h5")
@@ -237,23 +240,27 @@ def assembled(lfcal: Lfcal, session: Path, out: str) -> None:
 AFTER = (
     ("transpose", "H.h5", "-o", "HT.h5"),
     ("reduce", "H.h5", "-o", "small.h5", "--tolerance", "0.01"),
-    *(("export", "H.h5", "-o", f"H{suffix}") for suffix in (".mat", ".tif", ".npy")),
-    ("compare", "H.h5", "other.h5"),
+    ("export", "H.h5", "-o", "H.mat"),
     ("verify", "H.h5"),
+)
+MORE_AFTER = (
+    *(("export", "H.h5", "-o", f"H{suffix}") for suffix in (".tif", ".npy")),
+    ("compare", "H.h5", "other.h5"),
     ("inspect", "H.h5", "--report", "report", "--seconds", "0"),
     ("reconstruct", "H.h5", "frame.png", "-o", "volume.tif", "--iterations", "1"),
 )
 
 
 @LINUX
+@pytest.mark.parametrize("commands", [AFTER, pytest.param(MORE_AFTER, marks=pytest.mark.long)], ids=["some", "more"])
 def test_what_is_written_twice_is_not_open(
-    lfcal: Lfcal, session: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+    lfcal: Lfcal, session: Path, here: Path, monkeypatch: pytest.MonkeyPatch, commands: tuple[tuple[str, ...], ...]
 ) -> None:
     undrawn(monkeypatch)
     for name in ("H.h5", "H.h5", "other.h5"):
         assembled(lfcal, session, name)
     cv2.imwrite("frame.png", true_frame(0, 1, 1))
-    for words in AFTER:
+    for words in commands:
         for _ in range(2):
             lfcal(*words, *(() if words[0] in ("compare", "verify") else ("--force",))).ok()
         assert not [path for path in here.rglob(".*") if path.suffix in (".part", ".lock")], words
@@ -273,6 +280,7 @@ def test_a_matrix_in_use_is_not_replaced(here: Path, monkeypatch: pytest.MonkeyP
     assert not list(here.glob(".*.part"))
 
 
+@pytest.mark.long
 @LINUX
 def test_a_recording_is_packed_and_read_again(lfcal: Lfcal, session: Path, here: Path) -> None:
     lfcal("acquire", session / "plan.json", "--backend", "sim", "--out", "recorded", "--json").ok()

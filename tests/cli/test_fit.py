@@ -443,7 +443,7 @@ CASES: dict[str, tuple[Spoil, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long) if n == "scattered" else n for n in CASES])
 def test_h_files_that_cannot_be_fitted_end_in_one_line(lfcal: Lfcal, tmp_path: Path, name: str) -> None:
     spoil, what = CASES[name]
     spoil(tmp_path / "H.h5")
@@ -669,6 +669,7 @@ def found(folder: Path) -> dict[str, Any]:
 FOURIER = ("fit", "stack/frames", "--plan", "plan.json", "--dark", "stack/dark", "--orientation", "as-is")
 
 
+@pytest.mark.long
 def test_the_lenslets_of_a_fourier_microscope_are_found(lfcal: Lfcal, stack: Path) -> None:
     lfcal(*FOURIER, "--unknowns", "lens_centres,travel_tilt").ok()
     with open_psf(stack / "fit" / "H.h5") as H:

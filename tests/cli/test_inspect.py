@@ -161,8 +161,15 @@ def test_the_camera_of_a_fit_is_compared_with(lfcal: Lfcal, place: Path) -> None
     assert "patterns compared with the camera" in lfcal("inspect", "H.h5", "--fit", "fit", "--patterns", 24).ok().out
 
 
+def test_strict_ends_with_one_where_the_comparison_could_not_end(lfcal: Lfcal, place: Path) -> None:
+    save(matrix(clean()), place / "H.h5")
+    cut = lfcal("inspect", "H.h5", "--strict", "--seconds", 1e-9)
+    assert cut.code == 1 and "This H is not fully judged" in cut.out
+
+
+@pytest.mark.long
 def test_strict_ends_with_one_where_the_camera_does_not_explain_H(lfcal: Lfcal, place: Path) -> None:
-    """One spot without lenslets at every position, and a comparison that could not end."""
+    """One spot without lenslets at every position."""
     known, rng = plan(), np.random.default_rng(0)
     t, s = (np.arange(n) - (n - 1) / 2 for n in known.cutout)
     spot = 3000 * np.exp(-(t[:, None] ** 2 + s**2) / 50)
@@ -173,12 +180,10 @@ def test_strict_ends_with_one_where_the_camera_does_not_explain_H(lfcal: Lfcal, 
         "should not be used as it is: disagreement with its camera. Disagreement with its camera: patterns have little"
     )
     assert run.code == 1 and words in " ".join(run.out.split())
-    save(matrix(clean()), place / "H.h5")
-    cut = lfcal("inspect", "H.h5", "--strict", "--seconds", 1e-9)
-    assert cut.code == 1 and "This H is not fully judged" in cut.out
 
 
-def test_metrics_that_do_not_apply_are_counted_not_listed(lfcal: Lfcal, place: Path) -> None:
+@pytest.mark.long
+def test_metrics_that_do_not_apply_are_listed_on_request_alone(lfcal: Lfcal, place: Path) -> None:
     save(matrix(clean()), place / "H.h5")
     run, every = (lfcal("inspect", "H.h5", "--patterns", 24, *more) for more in ((), ("--all",)))
     assert "not applicable; --all lists them" in run.out and "Tiling over the field" not in run.out
@@ -186,6 +191,10 @@ def test_metrics_that_do_not_apply_are_counted_not_listed(lfcal: Lfcal, place: P
     # by default: the verdict, what is not good, and one line for the rest
     assert "depth z" not in run.out and "working f-number" not in run.out
     assert "depth z" in every.out and "working f-number" in every.out
+
+
+def test_metrics_that_do_not_apply_are_counted_not_listed(lfcal: Lfcal, place: Path) -> None:
+    save(matrix(clean()), place / "H.h5")
     told, all_told = (lfcal("inspect", "H.h5", "--seconds", 0, "--json", *more).json for more in ((), ("--all",)))
     left_out = told["counts"]["not_applicable"]
     assert left_out > 0 and len(all_told["metrics"]) - len(told["metrics"]) == left_out
@@ -224,6 +233,7 @@ def test_numbers_by_plane_and_the_worst_position(lfcal: Lfcal, two_months: Path)
     assert "They agree to within 1 %" in lfcal("compare", "may/H.h5", "may/H.h5").ok().out
 
 
+@pytest.mark.long
 def test_the_page_shows_them_side_by_side(lfcal: Lfcal, two_months: Path) -> None:
     run = lfcal("compare", "june/H.h5", "may/H.h5", "--report", "out")
     assert run.code == 0 and run.out.rstrip().endswith("out/index.html"), run.err

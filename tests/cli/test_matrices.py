@@ -235,20 +235,28 @@ def values(path: Path) -> np.ndarray:
 ROWS = ("--mat-order", "rows-first")
 
 
-def test_files_are_made_of_a_mat_file(lfcal: Lfcal, theirs: np.ndarray, tmp_path: Path) -> None:
-    mat, turned, units = tmp_path / "H.mat", np.asarray(PSFMatrix(theirs).T), ("--executor", "threads")
-    for command, wanted, more in (
-        ("export", theirs, ()),
-        ("transpose", turned, ()),
-        ("transpose", turned, units),
-        ("reduce", theirs, ("--tolerance", "0.001")),
-        ("reduce", theirs, ("--tolerance", "0.001", *units)),
-    ):
-        words = (command, mat, "-o", tmp_path / "out.h5", "--force", *more)
-        assert "rows first, as requested" in lfcal(*words, *ROWS).ok().err
-        np.testing.assert_allclose(values(tmp_path / "out.h5"), wanted, rtol=0.05, atol=1e-3)
-        assert "--mat-order rows-first" in lfcal(*words).ok().err
-        assert np.abs(values(tmp_path / "out.h5") - wanted).max() > 0.1, "the option is what makes it right"
+UNITS = ("--executor", "threads")
+
+
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        ("export", ()),
+        ("transpose", UNITS),
+        pytest.param("transpose", (), marks=pytest.mark.long),
+        pytest.param("reduce", ("--tolerance", "0.001"), marks=pytest.mark.long),
+        pytest.param("reduce", ("--tolerance", "0.001", *UNITS), marks=pytest.mark.long),
+    ],
+)
+def test_files_are_made_of_a_mat_file(
+    lfcal: Lfcal, theirs: np.ndarray, tmp_path: Path, command: str, more: tuple[str, ...]
+) -> None:
+    wanted = np.asarray(PSFMatrix(theirs).T) if command == "transpose" else theirs
+    words = (command, tmp_path / "H.mat", "-o", tmp_path / "out.h5", "--force", *more)
+    assert "rows first, as requested" in lfcal(*words, *ROWS).ok().err
+    np.testing.assert_allclose(values(tmp_path / "out.h5"), wanted, rtol=0.05, atol=1e-3)
+    assert "--mat-order rows-first" in lfcal(*words).ok().err
+    assert np.abs(values(tmp_path / "out.h5") - wanted).max() > 0.1, "the option is what makes it right"
 
 
 def test_h_that_is_compared_or_inspected(

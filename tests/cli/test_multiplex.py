@@ -88,10 +88,14 @@ def test_patterns_for_a_display(lfcal: Lfcal, matrix: Path, tmp_path: Path) -> N
     assert "too coarse" in lfcal("multiplex", "coding", matrix, "--display", "64x48@300").ok().err
 
 
-def test_patterns_of_a_described_camera(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_patterns_of_a_described_camera(lfcal: Lfcal) -> None:
     done = lfcal("multiplex", "coding", "bench", "--points", 3, "--virtual-depth", 3, "--signal", 100, "--json")
     assert done.code == 0 and "simulated" in done.json["source"], done.err
     assert done.json["equal_time"]["dark_db"] is not None
+
+
+@pytest.mark.long
+def test_patterns_of_a_described_camera_depend_on_depth_and_sensor(lfcal: Lfcal, tmp_path: Path) -> None:
     words = ("multiplex", "coding", "bench", "--points", 3, "--json")
     zero, default = lfcal(*words, "--virtual-depth", 0), lfcal(*words)
     assert zero.code == default.code == 0 and zero.json["source"] != default.json["source"], "0 is a depth"

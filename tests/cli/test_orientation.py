@@ -123,11 +123,20 @@ def test_turned_frames_with_an_upright_dark_are_named(lfcal: Lfcal, tmp_path: Pa
     run.refused("rotated by 90°", "give dark and white frames as the camera delivers them")
 
 
-def test_colours_of_the_upright_sensor_are_not_those_of_turned_frames(lfcal: Lfcal, tmp_path: Path, scan: Scan) -> None:
+def mosaic(folder: Path, scan: Scan) -> Path:
+    """Write mirrored frames and the plan of a colour sensor."""
     plan = replace(PLAN, camera=replace(PLAN.camera, sensor=replace(PLAN.camera.sensor, cfa="RGGB")))
-    words = arguments(deliver(tmp_path / "s", scan, "mirror x", plan), tmp_path / "H.h5", "--orientation", "mirror-x")
+    return deliver(folder, scan, "mirror x", plan)
+
+
+def test_colours_of_the_upright_sensor_are_not_those_of_turned_frames(lfcal: Lfcal, tmp_path: Path, scan: Scan) -> None:
+    words = arguments(mosaic(tmp_path / "s", scan), tmp_path / "H.h5", "--orientation", "mirror-x")
     lfcal(*words, "--defects").refused("the plan's upright sensor, RGGB")
-    lfcal(*words).ok()
+
+
+@pytest.mark.long
+def test_turned_frames_of_colours_are_assembled_without_defects(lfcal: Lfcal, tmp_path: Path, scan: Scan) -> None:
+    lfcal(*arguments(mosaic(tmp_path / "s", scan), tmp_path / "H.h5", "--orientation", "mirror-x")).ok()
 
 
 # -- frames with a list of stage coordinates ------------------------------------------------------------------

@@ -187,6 +187,12 @@ def test_errors_below_that_of_the_computation_are_named(lfcal: Lfcal) -> None:
     words = ("plan", "fit", "plan.json", "--candidates", "40", "--count")
     run = lfcal(*words, "20", "--unknowns", "iris", "--full", "1", "--position-error", "0").ok()
     assert "computed patterns have an error of about 0.06 %" in run.err
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("place")
+def test_errors_above_that_of_the_computation_are_not_named(lfcal: Lfcal) -> None:
+    words = ("plan", "fit", "plan.json", "--candidates", "40", "--count")
     assert "computed patterns" not in lfcal(*words, "10", "--unknowns", "geometry,iris", "--full", "0.1").err
 
 

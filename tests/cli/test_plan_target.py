@@ -55,6 +55,7 @@ def test_coding_pays_for_weak_light_only(plan: TargetPlan) -> None:
     assert facts["pays"] and facts["together"] == 7 and facts["gain_db"] > 1
 
 
+@pytest.mark.long
 def test_by_what_rules_at_any_light() -> None:
     quiet = replace(DISPLAY_SCAN.camera.sensor, read_noise_e=0.0, dark_current_e_s=0.0, bit_depth=16)
     scan = replace(DISPLAY_SCAN, camera=replace(DISPLAY_SCAN.camera, sensor=quiet))
@@ -164,9 +165,15 @@ def test_its_frames_are_read_out(lfcal: Lfcal) -> None:
     assert (read["single_point"]["hours"] - plain["single_point"]["hours"]) * 3600 == pytest.approx(252 / 0.5)
 
 
-def test_a_pitch_is_proposed_and_an_unknown_pose_named(lfcal: Lfcal, place: Path) -> None:
+@pytest.mark.long
+@pytest.mark.usefixtures("place")
+def test_an_unknown_pose_is_named(lfcal: Lfcal) -> None:
     run = lfcal(*PLAN, "array:6x6@1.0213mm", "--pose-within", "rotation=1", "--tolerance", "0.5").ok()
     assert "record one frame, measure the pose, and plan again with it" in run.err
+
+
+@pytest.mark.long
+def test_a_pitch_is_proposed(lfcal: Lfcal, place: Path) -> None:
     run = lfcal(*PLAN, "array,hole=5um", "-o", "plan.json").ok()
     assert "hole=5um" in run.out
     plan = TargetPlan.from_json((place / "plan.json").read_text())

@@ -73,12 +73,17 @@ def test_h_holds_for_a_frame_of_the_same_camera(lfcal: Lfcal, place: Path) -> No
 
 
 def test_what_has_changed_is_named_and_ends_with_1(lfcal: Lfcal, place: Path) -> None:
-    lattice = plan_of().camera.lattice
-    for k in range(2):
-        write(place / f"new{k}.tif", new_frame(changed(gap_um=1.01 * lattice.gap_um), seed=k))
+    write(place / "new0.tif", new_frame(changed(gap_um=1.01 * plan_of().camera.lattice.gap_um), seed=0))
     run = check(lfcal, "old.h5", "new0.tif")
     words = "does not hold: This H should not be used as it is: error of H beyond its limit, gap of the array"
     assert run.code == 1 and words in run.out
+
+
+@pytest.mark.long
+def test_a_change_is_measured_by_two_frames_and_compared_with_a_limit(lfcal: Lfcal, place: Path) -> None:
+    lattice = plan_of().camera.lattice
+    for k in range(2):
+        write(place / f"new{k}.tif", new_frame(changed(gap_um=1.01 * lattice.gap_um), seed=k))
     found = check(lfcal, "old.h5", "new0.tif", "new1.tif", "--json").json
     assert found["answer"] == "does not hold" and len(found["frames"]) == 2
     gap = found["suspects"][0]["values"][0]
@@ -135,9 +140,14 @@ def test_a_name_that_states_the_position_is_used(lfcal: Lfcal, place: Path) -> N
     assert f"0, {AT[0]}, {AT[1]}" in check(lfcal, "old.h5", "z0_y0_x0.tif").ok().out
 
 
-def test_an_h_without_a_camera_gives_numbers_and_ht_is_used_as_its_h(lfcal: Lfcal, place: Path) -> None:
+def test_an_h_without_a_camera_gives_numbers(lfcal: Lfcal, place: Path) -> None:
     save(told(camera=False), place / "bare.h5")
     assert "the camera of H is unknown" in check(lfcal, "bare.h5", "same.tif").ok().err
+
+
+@pytest.mark.long
+def test_an_h_without_a_camera_has_unknown_noise_and_ht_is_used_as_its_h(lfcal: Lfcal, place: Path) -> None:
+    save(told(camera=False), place / "bare.h5")
     # the photons of its samples are unknown
     bare = lfcal("fit", "check", "bare.h5", "same.tif", "--black-level", 100)
     assert bare.code in (0, 1) and "the photon noise is unknown" in bare.err and "does not hold" not in bare.out
@@ -249,6 +259,7 @@ def test_one_frame_of_beads_gives_the_camera_and_h(lfcal: Lfcal, beads_place: Pa
         assert H.provenance["recalibration"]["verdict"] == numbers["verdict"]
 
 
+@pytest.mark.long
 def test_h_is_the_start_and_answers_are_json(lfcal: Lfcal, beads_place: Path) -> None:
     plan = small_plan()
     camera = Camera.from_json((beads_place / "camera.json").read_text())
@@ -261,6 +272,7 @@ def test_h_is_the_start_and_answers_are_json(lfcal: Lfcal, beads_place: Path) ->
     assert [Path(name).name for name in said["files"]] == ["camera.json", "effects.json", "recalibration.json"]
 
 
+@pytest.mark.long
 def test_a_frame_that_is_not_explained_leaves_nothing(lfcal: Lfcal, beads_place: Path) -> None:
     run = lfcal("fit", "frames", "beads.tif", *START, *FAST[:-4], "--noise", "9,3", "--black-level", 100, "-o", "bad")
     assert run.code == 1 and "not recalibrated: the residual is only" in run.out, run.err

@@ -98,26 +98,28 @@ def test_the_volume_is_that_of_the_library(lfcal: Lfcal, folder: Path, tmp_path:
     assert np.abs(volume - plain).max() > 1e-3 * plain.max(), "the option has an effect"
 
 
-def test_chi2_per_pixel_is_stated_where_the_noise_is_known(lfcal: Lfcal, folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("run", [(), pytest.param(("--executor", "threads"), marks=pytest.mark.long)])
+def test_chi2_per_pixel_is_stated_where_the_noise_is_known(
+    lfcal: Lfcal, folder: Path, tmp_path: Path, run: tuple[str, ...]
+) -> None:
     """By ``--gain``, else by the noise that H keeps of the frames it was made from."""
     told = tmp_path / "told.h5"
     noise = {"floor": 0.0, "slope": 1.0, "from": "darks and repeats"}
     H = lenslet_psf(2, 5, 15).astype(np.float32)
     save(PSFMatrix(H, depths=(-5.0, 5.0), provenance={"noise": noise}), told)
     options = ("--solver", "rl", "--iterations", 40, "--margin", 0, "--background", 5, "--force", "--json")
-    for run in ((), ("--executor", "threads")):
-        found = {}
-        for name, psf, more in (
-            ("none", folder / "H.h5", ()),
-            ("gain", folder / "H.h5", ("--gain", 1)),
-            ("H", told, ()),
-        ):
-            out = tmp_path / f"{name}.h5"
-            done = lfcal("reconstruct", psf, folder / "frame.png", "--out", out, *options, *more, *run).ok()
-            found[name] = done.json["volumes"][0]["chi2"]
-            with h5py.File(out) as file:
-                assert json.loads(file.attrs["details"]).get("chi2") == found[name]
-        assert found["none"] is None and 0.5 < found["H"] < 1.2 and found["gain"] == pytest.approx(found["H"], rel=1e-5)
+    found = {}
+    for name, psf, more in (
+        ("none", folder / "H.h5", ()),
+        ("gain", folder / "H.h5", ("--gain", 1)),
+        ("H", told, ()),
+    ):
+        out = tmp_path / f"{name}.h5"
+        done = lfcal("reconstruct", psf, folder / "frame.png", "--out", out, *options, *more, *run).ok()
+        found[name] = done.json["volumes"][0]["chi2"]
+        with h5py.File(out) as file:
+            assert json.loads(file.attrs["details"]).get("chi2") == found[name]
+    assert found["none"] is None and 0.5 < found["H"] < 1.2 and found["gain"] == pytest.approx(found["H"], rel=1e-5)
 
 
 def test_method_workers_and_precision(lfcal: Lfcal, folder: Path, tmp_path: Path) -> None:

@@ -41,38 +41,48 @@ def test_plan_only_shows_every_effect(lfcal: Lfcal) -> None:
     assert 0 < diffraction["seconds_without"] < diffraction["seconds_with"]
 
 
-def test_plan_only_names_the_engine_that_runs(lfcal: Lfcal, tmp_path: Path) -> None:
-    for words, title in (
-        (("bench", "--virtual-depths", "4"), "engine grid"),  # the title was "level wave"
-        (("bench", "--virtual-depths", "4", "--level", "geometric"), "engine geometric"),
-        (("lfm_20x05", "--depths", "0"), "engine microscope"),
-    ):
-        words = ("simulate", *words, "--cutout", "31")
-        lines = [line.rstrip() for line in lfcal(*words, "--plan-only").out.splitlines()]
-        assert any(line.endswith(f"%, {title}") for line in lines), words
-        engines = lfcal(*words, "--plan-only", "--json").json["engines"]
-        lfcal(*words, "-o", tmp_path / "H.h5", "--force").ok()
-        with open_psf(tmp_path / "H.h5") as H:
-            assert [plane["engine"] for plane in H.provenance["simulated"]["planes"]] == engines
+@pytest.mark.parametrize(
+    ("camera", "title"),
+    [
+        ("bench --virtual-depths 4", "engine grid"),  # the title was "level wave"
+        *(
+            pytest.param(*one, marks=pytest.mark.long)
+            for one in (
+                ("bench --virtual-depths 4 --level geometric", "engine geometric"),
+                ("lfm_20x05 --depths 0", "engine microscope"),
+            )
+        ),
+    ],
+)
+def test_plan_only_names_the_engine_that_runs(lfcal: Lfcal, tmp_path: Path, camera: str, title: str) -> None:
+    words = ("simulate", *camera.split(), "--cutout", "31")
+    lines = [line.rstrip() for line in lfcal(*words, "--plan-only").out.splitlines()]
+    assert any(line.endswith(f"%, {title}") for line in lines)
+    engines = lfcal(*words, "--plan-only", "--json").json["engines"]
+    lfcal(*words, "-o", tmp_path / "H.h5").ok()
+    with open_psf(tmp_path / "H.h5") as H:
+        assert [plane["engine"] for plane in H.provenance["simulated"]["planes"]] == engines
 
 
-def test_light_outside_the_cutout_is_reported(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("run", [(), pytest.param(("--progressive",), marks=pytest.mark.long)])
+def test_light_outside_the_cutout_is_reported(
+    lfcal: Lfcal, plan_file: Path, tmp_path: Path, run: tuple[str, ...]
+) -> None:
     """Compared with a cutout that contains all of it; each H was within 3 % by what was printed, whatever it lacked."""
     plan, out = ScanPlan.from_json(plan_file.read_text()), tmp_path / "H.h5"
-    for run in ((), ("--progressive",)):
-        held, shares = {}, {}
-        for cutout in (21, 55):
-            plan_file.write_text(replace(plan, cutout=(cutout, cutout)).to_json())
-            done = lfcal("simulate", plan_file, "-o", out, "--force", "--tolerance", 0.5, "--json", *run).ok()
-            assert ("contains less than 90 % of the light in 1 of 1 planes" in done.err) == (cutout == 21)
-            shares[cutout] = done.json["light_in_cutout"][0]
-            with open_psf(out) as H:
-                held[cutout] = float(H.plane(0).sum())
-                assert H.shape == (1, 2, 3, cutout, cutout) and H.provenance["plan"]["period"] == [2, 3]
-        assert shares[55] > 0.95 and shares[21] < 0.6
-        assert shares[21] == pytest.approx(shares[55] * held[21] / held[55], rel=0.05)
-        again = lfcal("simulate", plan_file, "-o", out, "--tolerance", 0.5, "--force", *run)
-        assert f"light in the cutout: {100 * shares[55]:.3g} %" in again.err
+    held, shares = {}, {}
+    for cutout in (21, 55):
+        plan_file.write_text(replace(plan, cutout=(cutout, cutout)).to_json())
+        done = lfcal("simulate", plan_file, "-o", out, "--force", "--tolerance", 0.5, "--json", *run).ok()
+        assert ("contains less than 90 % of the light in 1 of 1 planes" in done.err) == (cutout == 21)
+        shares[cutout] = done.json["light_in_cutout"][0]
+        with open_psf(out) as H:
+            held[cutout] = float(H.plane(0).sum())
+            assert H.shape == (1, 2, 3, cutout, cutout) and H.provenance["plan"]["period"] == [2, 3]
+    assert shares[55] > 0.95 and shares[21] < 0.6
+    assert shares[21] == pytest.approx(shares[55] * held[21] / held[55], rel=0.05)
+    again = lfcal("simulate", plan_file, "-o", out, "--tolerance", 0.5, "--force", *run)
+    assert f"light in the cutout: {100 * shares[55]:.3g} %" in again.err
 
 
 def test_a_period_that_does_not_fit_the_lattice_is_reported(lfcal: Lfcal, tmp_path: Path) -> None:

@@ -75,16 +75,32 @@ def said(path: Path) -> Any:
         return json.loads(file.imagej_metadata["lfcal"])
 
 
-@pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])
-def test_every_executor_writes_the_same_file(lfcal: Lfcal, place: Path, executor: str) -> None:
-    for words, suffix in (
-        ("simulate plan.json --level geometric", ".h5"),
-        ("transpose H.h5 --method exact", ".h5"),
-        ("transpose H.h5 --method paper", ".h5"),
-        ("reduce H.h5", ".h5"),
-        *(("export H.h5", suffix) for suffix in (".h5", ".mat", ".npy")),
-        ("reconstruct H.h5 frames.tif -n 2 --method polyphase:2x2", ".npy"),
-    ):
+IN_UNITS = (
+    ("simulate plan.json --level geometric", ".h5"),
+    ("transpose H.h5 --method exact", ".h5"),
+    ("reduce H.h5", ".h5"),
+    ("export H.h5", ".mat"),
+)
+MORE_IN_UNITS = (
+    ("transpose H.h5 --method paper", ".h5"),
+    *(("export H.h5", suffix) for suffix in (".h5", ".npy")),
+    ("reconstruct H.h5 frames.tif -n 2 --method polyphase:2x2", ".npy"),
+)
+
+
+@pytest.mark.parametrize(
+    ("executor", "commands"),
+    [
+        ("threads", IN_UNITS),
+        pytest.param("threads", MORE_IN_UNITS, marks=pytest.mark.long),
+        pytest.param("processes", (*IN_UNITS, *MORE_IN_UNITS), marks=pytest.mark.long),
+    ],
+    ids=["threads", "threads-more", "processes"],
+)
+def test_every_executor_writes_the_same_file(
+    lfcal: Lfcal, place: Path, executor: str, commands: tuple[tuple[str, str], ...]
+) -> None:
+    for words, suffix in commands:
         one, two = place / f"one{suffix}", place / f"two{suffix}"
         lfcal(*words.split(), "-o", one, "--force").ok()
         lfcal(*words.split(), "-o", two, "--executor", executor, "--workers", 2, "--force").ok()
@@ -135,27 +151,31 @@ ENDED = (
 )
 
 
-def test_a_run_that_ended_while_writing_is_resumed(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("words", "out", "writer"), [ENDED[0], ENDED[2], *(pytest.param(*ENDED[k], marks=pytest.mark.long) for k in (1, 3))]
+)
+def test_a_run_that_ended_while_writing_is_resumed(
+    lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch, words: str, out: str, writer: str
+) -> None:
     """Part or all of its output is there: it is its own, and ``--resume`` does not ask for ``--force``."""
-    for words, out, writer in ENDED:
-        command = (*words.split(), "--workers", 1, "--executor", "threads", "-o")
-        lfcal(*command, f"whole_{out}").ok()
-        module, _, name = writer.rpartition(".")
-        real, count = getattr(importlib.import_module(module), name), iter(range(9))
+    command = (*words.split(), "--workers", 1, "--executor", "threads", "-o")
+    lfcal(*command, f"whole_{out}").ok()
+    module, _, name = writer.rpartition(".")
+    real, count = getattr(importlib.import_module(module), name), iter(range(9))
 
-        def ended(path: Any, real: Any = real, count: Any = count, last: bool = name == "discard") -> Any:
-            if last or next(count) == 1:
-                raise StorageError(f"{path}: the disk is gone")
-            return real(path)
+    def ended(path: Any) -> Any:
+        if name == "discard" or next(count) == 1:
+            raise StorageError(f"{path}: the disk is gone")
+        return real(path)
 
-        with monkeypatch.context() as patch:
-            patch.setattr(writer, ended)
-            lfcal(*command, out).refused("the disk is gone")
-        assert (place / out).exists() and parts_folder(place / out).exists()
-        lfcal(*command, out).refused()
-        lfcal(*command, out, "--resume").ok()
-        assert listing(place / out) == listing(place / f"whole_{out}") and not parts_folder(place / out).exists()
-        lfcal(*command, out, "--resume").refused("exists; add --force")
+    with monkeypatch.context() as patch:
+        patch.setattr(writer, ended)
+        lfcal(*command, out).refused("the disk is gone")
+    assert (place / out).exists() and parts_folder(place / out).exists()
+    lfcal(*command, out).refused()
+    lfcal(*command, out, "--resume").ok()
+    assert listing(place / out) == listing(place / f"whole_{out}") and not parts_folder(place / out).exists()
+    lfcal(*command, out, "--resume").refused("exists; add --force")
 
 
 def listing(path: Path) -> Any:
@@ -184,25 +204,33 @@ def test_a_resumed_run_projects_as_it_was_begun(lfcal: Lfcal, place: Path, monke
     assert [said(place / "out" / f"frames_000{k}.tif")["method"] for k in range(3)] == ["sparse"] * 3
 
 
-def test_what_an_earlier_run_left_is_continued_or_replaced(lfcal: Lfcal, place: Path) -> None:
-    for command in (
-        "simulate plan.json --level geometric",
+@pytest.mark.parametrize(
+    "command",
+    [
         "transpose H.h5",
-        "reduce H.h5",
-        "reconstruct H.h5 frames.tif -n 1",
-    ):
-        out = f"{command.split()[0]}.h5"
-        words = (*command.split(), "-o", out)
-        interrupted(place / out)
-        lfcal(*words).refused("left 1 of 2 units finished; continue from them (--resume), or start again (--force)")
-        status = lfcal("status", out).ok()
-        assert f"make {out}: 1 of 2 units done; not running" in status.out
-        assert "open the shutter" in status.out and "--resume" in status.out
-        lfcal(*words, "--resume").ok()
-        assert not parts_folder(place / out).exists()
-        interrupted(place / out)
-        lfcal(*words, "--force").ok()
-        assert not parts_folder(place / out).exists()
+        *(
+            pytest.param(command, marks=pytest.mark.long)
+            for command in (
+                "simulate plan.json --level geometric",
+                "reduce H.h5",
+                "reconstruct H.h5 frames.tif -n 1",
+            )
+        ),
+    ],
+)
+def test_what_an_earlier_run_left_is_continued_or_replaced(lfcal: Lfcal, place: Path, command: str) -> None:
+    out = f"{command.split()[0]}.h5"
+    words = (*command.split(), "-o", out)
+    interrupted(place / out)
+    lfcal(*words).refused("left 1 of 2 units finished; continue from them (--resume), or start again (--force)")
+    status = lfcal("status", out).ok()
+    assert f"make {out}: 1 of 2 units done; not running" in status.out
+    assert "open the shutter" in status.out and "--resume" in status.out
+    lfcal(*words, "--resume").ok()
+    assert not parts_folder(place / out).exists()
+    interrupted(place / out)
+    lfcal(*words, "--force").ok()
+    assert not parts_folder(place / out).exists()
 
 
 def test_a_refusal_names_what_is_kept(lfcal: Lfcal, place: Path) -> None:
@@ -341,7 +369,7 @@ WORDS = ("assemble", "frames", "--dark", "dark", "--white", "white", "--white-mo
 
 
 @pytest.mark.parametrize(
-    "executor", ["processes", *(pytest.param(e, marks=pytest.mark.long) for e in ("threads", "dask"))]
+    "executor", ["threads", *(pytest.param(e, marks=pytest.mark.long) for e in ("processes", "dask"))]
 )
 def test_every_executor_assembles_the_same_file(lfcal: Lfcal, scan: Path, executor: str) -> None:
     if executor == "dask":
@@ -548,6 +576,7 @@ def test_a_stop_keeps_the_planes_of_a_fit(tmp_path: Path) -> None:
     assert contents(out) == contents(tmp_path / "one.h5")
 
 
+@pytest.mark.long
 def test_a_fit_that_ended_after_h_is_resumed(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit is made again, and H is the same to the last bit; only the report was missing."""
     save(few_patterns(), tmp_path / "few.h5")

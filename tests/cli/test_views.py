@@ -75,7 +75,12 @@ def test_views_of_a_white_image(lfcal: Lfcal, here: Path, tmp_path: Path) -> Non
         assert tiff.imagej_metadata is not None and tiff.imagej_metadata["Labels"][0] == "slope -2.000"
     with tifffile.TiffFile(tmp_path / "out/views.tif") as tiff:
         assert tiff.is_imagej and tiff.series[0].axes == "TZYX"
-    table = lfcal("views", *given, "--kind", "hexagonal")
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("here")
+def test_views_of_a_white_image_are_summarized(lfcal: Lfcal) -> None:
+    table = lfcal("views", "field.tif", "--white", "white.tif", "--dark", "dark.tif", "--kind", "hexagonal")
     assert table.code == 0 and "of the field" in table.out and "written" not in table.out
 
 
@@ -172,6 +177,20 @@ def test_bad_input_is_one_line_and_leaves_nothing(lfcal: Lfcal, here: Path, tmp_
         assert run.out == "" and run.err.startswith("lfcal: ") and not (tmp_path / "out").exists(), words
 
 
+def test_a_lattice_is_used_instead_of_a_white_image(lfcal: Lfcal, here: Path, tmp_path: Path) -> None:
+    lfcal("white", "white.tif", "--dark", "dark.tif", "-o", tmp_path / "out").ok()
+    given = ("views", "field.tif", "--dark", "dark.tif", "--slopes", "0")
+    lattice = ("--lattice", tmp_path / "out/lattice.json")
+    assert "no white image" in lfcal(*given, *lattice, "-o", tmp_path / "alone").ok().out
+    for wrong, said in (
+        (("--kind", "square"), "--kind: expected"),
+        (("--pitch", "16"), "--pitch: expected"),
+        (("--camera", "camera.json", "--types", "each"), "add --white"),
+    ):
+        lfcal(*given, *lattice, *wrong).refused(said)
+
+
+@pytest.mark.long
 def test_a_lattice_is_measured_once(lfcal: Lfcal, here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     white = "white.tif"
     lfcal("white", white, "--dark", "dark.tif", "-o", tmp_path / "out").ok()
@@ -185,16 +204,24 @@ def test_a_lattice_is_measured_once(lfcal: Lfcal, here: Path, tmp_path: Path, mo
     np.testing.assert_allclose(tifffile.imread(tmp_path / "both/views.tif"), wanted, rtol=1e-5)
     assert "no white image" in lfcal(*given, *lattice, "-o", tmp_path / "alone").ok().out
     assert tifffile.imread(tmp_path / "alone/views.tif").shape[2:] == wanted.shape[2:]
-    camera = ("--camera", "camera.json")
-    for wrong, said in (
-        (("--kind", "square"), "--kind: expected"),
-        (("--pitch", "16"), "--pitch: expected"),
-        ((*camera, "--types", "each"), "add --white"),
-    ):
-        lfcal(*given, *lattice, *wrong).refused(said)
 
 
 def test_pixels_without_a_value_are_interpolated(lfcal: Lfcal, here: Path, tmp_path: Path) -> None:
+    frame = np.full(VIEWS_SHAPE, 1000, np.float32)
+    frame[100:102, 150], frame[200, 210] = np.nan, 60000
+    tifffile.imwrite(tmp_path / "bad.tif", frame)
+    (tmp_path / "mask.csv").write_text("row,column\n# bright\n200,210\n")
+    given = ("views", tmp_path / "bad.tif", "--camera", "camera.json", "--mask", tmp_path / "mask.csv")
+    run = lfcal(*given, "-o", tmp_path / "out").ok()
+    assert "interpolated pixels (masked, or without a finite value): 3" in run.err
+    views = tifffile.imread(tmp_path / "out/views.tif")
+    np.testing.assert_allclose(views[np.isfinite(views)], 1000, rtol=0.03)
+    (tmp_path / "mask.csv").write_text("row,column\n2000,210\n")
+    lfcal(*given, "-o", tmp_path / "none").refused("2000,210; correct this pixel in the list")
+
+
+@pytest.mark.long
+def test_pixels_without_a_value_change_neither_lattice_nor_views(lfcal: Lfcal, here: Path, tmp_path: Path) -> None:
     """NaN and masked pixels of the frame and of the white image leave lattice and views nearly as they were."""
     field, white = (tifffile.imread(f"{name}.tif").astype(np.float32) for name in ("field", "white"))
     smooth = np.float32(1000) + 0 * field
@@ -217,8 +244,6 @@ def test_pixels_without_a_value_are_interpolated(lfcal: Lfcal, here: Path, tmp_p
     np.testing.assert_array_equal(np.isnan(found["_bad"]), np.isnan(found[""]))
     np.testing.assert_allclose(found["_bad"], found[""], rtol=0.03)
     assert abs(found["pitch_bad"] - found["pitch"]) < 1e-3
-    (tmp_path / "mask.csv").write_text("row,column\n2000,210\n")
-    lfcal("views", *given, "-o", tmp_path / "none").refused("2000,210; correct this pixel in the list")
 
 
 # -- ``lfcal depth``: maps and point clouds from a camera, a white image, a lattice or H; refusals --
@@ -276,14 +301,24 @@ def test_a_camera_gives_depths_in_micrometres(lfcal: Lfcal, scene_here: Path, tm
     assert pages.dtype == np.float32 and list(pages.shape[1:]) == found["shape"]
     assert np.isnan(pages[0]).mean() == pytest.approx(1 - found["known"], abs=1e-6)
     assert f"element vertex {found['points']}\n".encode() in (tmp_path / "points.ply").read_bytes()
-    table = lfcal("depth", *given, "--out", tmp_path / "depth.tif", "--force")
+
+
+@pytest.mark.usefixtures("scene_here")
+def test_depths_are_summarized(lfcal: Lfcal, tmp_path: Path) -> None:
+    given = ("frame.tif", "--camera", "camera.json", "--dark", "dark.tif", "--out", tmp_path / "depth.tif")
+    (tmp_path / "depth.tif").write_text("old")
+    table = lfcal("depth", *given, "--force")
     assert table.code == 0 and "micro-images" in table.out and "µm, median" in table.out and "written:" in table.out
 
 
-def test_a_white_image_or_a_lattice_gives_slopes(lfcal: Lfcal, scene_here: Path, tmp_path: Path) -> None:
+def test_a_white_image_gives_slopes(lfcal: Lfcal, scene_here: Path, tmp_path: Path) -> None:
     white = ("--white", "white.tif", "--dark", "dark.tif")
     found = measure(lfcal, "frame.tif", *white, "-o", tmp_path / "a.tif")
     assert found["unit"] == "slope" and found["depths"][1] == pytest.approx(SLOPE, abs=0.05) and not found["scale"]
+
+
+@pytest.mark.long
+def test_a_lattice_gives_slopes(lfcal: Lfcal, scene_here: Path, tmp_path: Path) -> None:
     lfcal("white", "white.tif", "--dark", "dark.tif", "-o", tmp_path).ok()
     lattice = ("--lattice", tmp_path / "lattice.json", "--slopes", "1.5,12", "--workers", "1")
     again = measure(lfcal, "frame.tif", *lattice, "-o", tmp_path / "b.tif", "--method", "micro-images")
@@ -370,6 +405,7 @@ def test_a_fourier_microscope(lfcal: Lfcal, fourier_here: Path, tmp_path: Path) 
         assert refused.code == 2 and word in refused.err and not (tmp_path / "no.tif").exists(), refused.err
 
 
+@pytest.mark.long
 def test_h_corrects_the_scale_of_a_fourier_microscope(lfcal: Lfcal, fourier_here: Path, tmp_path: Path) -> None:
     """The patterns of H, by wave optics, agree with a scene that was drawn by rays."""
     true = Camera.from_json(Path("camera.json").read_text())
