@@ -97,7 +97,7 @@ class Walk:
 
         def saved(*_: Any, **__: Any) -> tuple[str, str]:
             suffix = self.random.choice((".h5", ".npy", ".json", ".png", ".csv", ".mat", ".lfcal", ".tif", ".svg", ""))
-            name = self.random.choice(("", str(self.out / f"saved{suffix}"), "/no/such/folder/x.h5"))
+            name = self.random.choice(("", str(self.out / f"saved{suffix}"), f"{__file__}/x.h5"))
             return name, ""
 
         for name in ("question", "information", "warning", "critical"):
