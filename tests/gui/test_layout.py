@@ -58,7 +58,8 @@ def looked_at_in_the_dark(stage: Stage, shot: Capture) -> Iterator[tuple[str, li
     """Yield the parts that keep colours of another theme when the theme changes."""
     for theme in ("dark", "light"):
         stage.window.set_theme(theme)
-        stage.turn(2)
+        stage.until(stage.window.updatesEnabled, "the theme")
+        stage.turn()
         yield f"{shot.name}, {theme}", list(of_other_themes(stage.seen(shot)))
 
 

@@ -105,6 +105,7 @@ class Walk:
         patch.setattr(qt.QMessageBox, "about", lambda *_: None)
         patch.setattr(qt.QMessageBox, "exec", lambda *_: 0)
         patch.setattr(qt.QFileDialog, "getOpenFileName", lambda *_, **__: (self._file(), ""))
+        patch.setattr(qt.QFileDialog, "getOpenFileNames", lambda *_, **__: (self.random.sample(self.files, 2), ""))
         patch.setattr(qt.QFileDialog, "getExistingDirectory", lambda *_, **__: self._file())
         patch.setattr(qt.QFileDialog, "getSaveFileName", saved)
         patch.setattr(qt.QDialog, "exec", lambda dialog: self._dialog(dialog))

@@ -122,7 +122,7 @@ def ended(page: Page, qtbot: QtBot) -> None:
 def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     panel, folder = page.panel.record, tmp_path / "s"
     shown = panel.pictures
-    assert shown.third.currentWidget() is shown.error and "stated" in shown.third_title.text()
+    assert shown.third.currentWidget() is shown.error and "estimated" in shown.third_title.text()
     press(page, "start", qtbot)  # connects first
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
     recorder = page.record.recorder

@@ -233,10 +233,12 @@ def test_the_planes_and_their_legend_are_red_where_all_is_red(window: MainWindow
 
     assert False in colours() and LINES[0] in page.panel.profile_title.text()
     window.set_theme("night")
+    idle(window.jobs, qtbot)
     assert colours() == {True}
     for label in (page.panel.profile_title, page.panel.legend, large.legend):
         assert not any(tone in label.text() for tone in (*LINES, FITTED, EXPECTED))
     window.set_theme("light")
+    idle(window.jobs, qtbot)
     assert FITTED in page.panel.legend.text() and FITTED in large.legend.text()
     large.close()
 
