@@ -45,7 +45,7 @@ def frame_units(
     the run, as in `Projector.recipe`.
     """
     hints = {**hints, "alone": len(frames) == 1}
-    shared = {"optics": optics.plain(), "choice": asdict(choice)}
+    shared = {"optics": optics.plain(), "choice": asdict(choice), "shape": list(frames[0].read().shape)}
     units: list[Unit] = []
     before = ""
     for frame in frames:
@@ -73,7 +73,8 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     began = time.perf_counter()
     initial = _begun_from(arguments["initial"])
     try:
-        image = read_frame(Path(arguments["file"]), arguments["page"])
+        rows, columns = arguments["shape"]
+        image = read_frame(Path(arguments["file"]), arguments["page"], (rows, columns))
     except FileFormatError as error:
         if arguments["alone"]:
             raise

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire import NAME, RecordingSource
-from lfcal.base import InputError, check_zarr
+from lfcal.base import FileFormatError, InputError, check_zarr
 from lfcal.frames import CorrectionChain, Dark, White, files_of, natural_key, open_image, read_image
 from lfcal.frames.corrections import frame_map, read_average
 from lfcal.frames.formats import container_in, image_suffixes
@@ -65,9 +65,9 @@ class FrameFile:
     page: int
     time_s: float | None = None
 
-    def read(self) -> NDArray[Any]:
-        """Return the samples ``(rows, columns)`` of the frame."""
-        return read_frame(self.file, self.page)
+    def read(self, shape: tuple[int, int] | None = None) -> NDArray[Any]:
+        """Return the samples ``(rows, columns)`` of the frame; ``shape`` is as in `read_frame`."""
+        return read_frame(self.file, self.page, shape)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -78,15 +78,26 @@ class FrameFile:
         return tuple(os.path.abspath(path) for path in sorted(files))
 
 
-def read_frame(file: Path, page: int) -> NDArray[Any]:
+def read_frame(file: Path, page: int, shape: tuple[int, int] | None = None) -> NDArray[Any]:
     """Return the samples ``(rows, columns)`` of one page of an image file, or of one frame of a session.
 
-    ``page`` is the number of the page or frame, from 0.
+    ``page`` is the number of the page or frame, from 0. ``shape`` is that of the first frame of the series; None: any.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is damaged, or the frame does not have this ``shape``.
     """
-    if not file.is_dir():
-        return read_image(file, page)
-    source, order = _session(file)
-    return source.read(order[page])
+    if file.is_dir():
+        source, order = _session(file)
+        found = source.read(order[page])
+    else:
+        found = read_image(file, page)
+    if shape is not None and found.shape != shape:
+        wanted, got = (" x ".join(map(str, size)) + " pixels" for size in (shape, found.shape))
+        remedy = "reconstruct frames of another size separately"
+        raise FileFormatError.expected(f"frame {page} of {file}", f"{wanted}, as in the first frame", got, remedy)
+    return found
 
 
 def frames_of(path: Path) -> list[FrameFile]:

@@ -190,7 +190,7 @@ class FrameRun:
         clean = cleaner(light_field, self.view)
 
         def read(frame: FrameFile) -> NDArray[Any]:
-            return clean(frame.read())
+            return clean(frame.read((rows, columns)))
 
         def take(name: str, result: Reconstruction) -> None:
             known = {"notes": result.notes, "residual": result.history[-1].residual, "stopped": result.stopped}

@@ -361,8 +361,8 @@ def write_volumes(
     Raises
     ------
     InputError, StorageError
-        If the suffix or the number of depths or times is wrong, or the file cannot be written; no incomplete file
-        remains.
+        If the suffix, the number of depths or times, or the shape or the number of the volumes is wrong, or the file
+        cannot be written; no incomplete file remains.
     """
     target = check_suffix(path)
     series = shape[0] if len(shape) > 3 else 1
@@ -379,7 +379,36 @@ def write_volumes(
         order = np.argsort(depths, kind="stable")
         facts = replace(facts, depths_um=depths[order], details={**facts.details, STORED: order.tolist()})
     with own.get(kind, usual)(target, shape, facts) as add:
-        yield add if order is None else lambda volume: add(volume[order])
+        counted = _CountedVolumes(add, shape, order)
+        yield counted
+        counted.check_complete()
+
+
+@dataclass
+class _CountedVolumes:
+    """Function that passes volumes to ``add``, after checking that they have the ``shape`` stated in the file.
+
+    ``order`` contains the index in the volume of each plane of the file; None: the planes are in their original order.
+    """
+
+    add: Callable[[NDArray[np.float32]], None]
+    shape: tuple[int, ...]
+    order: NDArray[np.intp] | None
+    count: int = 0
+
+    def __call__(self, volume: NDArray[np.float32]) -> None:
+        wanted = self.shape[-3:]
+        if volume.shape != wanted:
+            remedy = "write volumes of another shape to a separate file"
+            raise InputError.expected("volume", f"shape {wanted}", f"shape {volume.shape}", remedy)
+        self.add(volume if self.order is None else volume[self.order])
+        self.count += 1
+
+    def check_complete(self) -> None:
+        """Raise `InputError` unless the file contains as many volumes as it states."""
+        wanted = self.shape[0] if len(self.shape) > 3 else 1
+        if self.count != wanted:
+            raise InputError.expected("volumes of the file", wanted, self.count, "write all volumes of the series")
 
 
 @contextmanager

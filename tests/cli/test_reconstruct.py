@@ -279,6 +279,22 @@ def test_one_bad_frame_does_not_end_the_others(
     assert (np.abs(volumes[4] - volumes[0]).max() > 0) == ("--warm" in more), "it begins where the last volume ended"
 
 
+@pytest.mark.parametrize("more", [(), ("--executor", "threads")])
+def test_a_frame_of_another_size_has_no_volume(
+    lfcal: Lfcal, folder: Path, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    """Its volume was written below a header with the size of the first frame, or the run aborted midway."""
+    place = tmp_path / "frames"
+    place.mkdir()
+    shutil.copy(folder / "frame.png", place / "0.png")
+    cv2.imwrite(str(place / "1.png"), np.full((24, 40), 9, np.uint16))
+    done = lfcal("reconstruct", folder / "H.h5", place, "-o", tmp_path / "v", "--solver", "rl", "-n", 2, *more)
+    assert done.code == 1 and [path.name for path in (tmp_path / "v").iterdir()] == ["0.tif"]
+    said = "expected 30 x 31 pixels, as in the first frame, got 24 x 40 pixels; reconstruct frames of another size"
+    assert "1: no volume; " in done.err and said in done.err
+    assert load_volume(tmp_path / "v" / "0.tif").shape == (2, *SHAPE)
+
+
 def test_frames_without_information_are_refused(lfcal: Lfcal, folder: Path, one_bad: Path, tmp_path: Path) -> None:
     (one_bad / "bad").mkdir()
     for name in ("1.npy", "2.npy"):

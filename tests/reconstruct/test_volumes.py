@@ -466,6 +466,19 @@ def test_wrong_volumes_are_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["v.tif", "v.ome.tif", "v.ome.zarr", "v.h5", "v.npy"])
+def test_volumes_that_the_file_does_not_state_are_refused(tmp_path: Path, name: str) -> None:
+    """Values of another shape, or too few volumes, made a file that could not be read correctly."""
+    for volumes, what in (
+        ([VOLUME, VOLUME[:, 1:]], r"volume: expected shape \(3, 8, 9\), got shape \(3, 7, 9\)"),
+        ([VOLUME], "volumes of the file: expected 2, got 1"),
+    ):
+        with pytest.raises(InputError, match=what), write_volumes(tmp_path / name, (2, 3, 8, 9), VolumeFacts()) as add:
+            for volume in volumes:
+                add(volume)
+        assert not list(tmp_path.iterdir())
+
+
 def test_damaged_metadata_are_reported_in_a_line(tmp_path: Path) -> None:
     for name, good, bad in (
         ("v.ome.tif", b'SizeZ="3"', b'SizeZ="B"'),
