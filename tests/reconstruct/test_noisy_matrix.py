@@ -150,6 +150,38 @@ def test_a_denoised_projector_is_that_of_the_denoised_matrix(exact, kind, method
     np.testing.assert_allclose(part, P.denoised().subset(mask).forward(volume), rtol=1e-5)
 
 
+def two_regions(first: tuple[float, float] | None) -> FieldProjector:
+    """Return the projector of two equal regions; the H of the ``first`` states its noise, the second 4 counts²."""
+    values = np.full((1, 4, 4, 3, 3), 1 / 9)
+    matrices = []
+    for column, noise in ((0, first), (40, (4.0, 0.0))):
+        H = noted(values, noise)
+        matrices.append(PSFMatrix(values, facts=H.facts, anchor=(8, column)))
+    return FieldProjector(matrices, (20, 60))
+
+
+def test_regions_have_independent_new_noise():
+    """The noise of all regions was drawn with the same seed, so that their errors added up."""
+    P = two_regions((4.0, 0.0))
+    found = [part.projector for part in P.with_new_noise(3)._parts]
+    left, right = (one._reader.read(0) - 1 / 9 for one in found)
+    assert left.std() == pytest.approx(2, rel=0.2) and right.std() == pytest.approx(2, rel=0.2)
+    assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 0.2
+    volume, same = np.ones(P.volume_shape), pickle.loads(pickle.dumps(P.with_new_noise(3)))
+    np.testing.assert_array_equal(same.forward(volume), P.with_new_noise(3).forward(volume))
+
+
+def test_noise_of_any_region_counts():
+    """If the first H stated no noise, that of the others was ignored."""
+    P = two_regions(None)
+    np.testing.assert_allclose(P.noise, [[4, 0]])
+    np.testing.assert_allclose(two_regions((2.0, 1.0)).noise, [[3, 0.5]])
+    volume = np.ones(P.volume_shape)
+    changed = np.abs(P.with_new_noise(1).forward(volume) - P.forward(volume))
+    assert changed[:, 0].max() < 1e-4 < 1 < changed[:, -10:].max()
+    assert P.denoised() is not P
+
+
 # -- the noise of the model ----------------------------------------------------------------------------------
 INNER = (slice(2, -2), slice(2, -2))
 

@@ -10,7 +10,7 @@ weighted mean over the regions, and a pattern is unchanged if only one region ha
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Self
@@ -141,17 +141,18 @@ def _between(pixels: int, nodes: int) -> tuple[NDArray[np.intp], F8, int]:
     return before, at - before, 1
 
 
-_Place = tuple[Any, tuple[int, ...], tuple[slice, slice], NDArray[Any] | None]
-"""A region's H, its anchor, its window, and the weights there."""
+_Place = tuple[int, Any, tuple[int, ...], tuple[slice, slice], NDArray[Any] | None]
+"""A region's number, its H, its anchor, its window, and the weights there."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
     """Contribution of a region: its projector on a window of the image, and the weight of each voxel there.
 
-    ``weight`` is None if there is only one region.
+    ``region`` is the number of the region, from 0. ``weight`` is None if there is only one region.
     """
 
+    region: int
     projector: Projector
     window: tuple[slice, slice]
     weight: NDArray[Any] | None
@@ -161,6 +162,13 @@ class _Part:
         for z, plane in planes:
             own = plane[self.window]
             yield z, own if self.weight is None else own * self.weight
+
+    def reading(self, changes: Mapping[str, Any]) -> _Part:
+        """Return the part that reads its H with other settings of `PlaneReader`; each region has different noise."""
+        own, seed = dict(changes), changes.get("noise_seed")
+        if seed is not None and self.region > 0:
+            own["noise_seed"] = int(np.random.SeedSequence([seed, self.region]).generate_state(1)[0])
+        return replace(self, projector=self.projector._reading(**own))
 
 
 class FieldProjector(Projector):
@@ -268,12 +276,12 @@ class FieldProjector(Projector):
     def _made(self, anchors: Sequence[tuple[int, ...]], weights: Sequence[NDArray[Any]], method: str) -> list[_Part]:
         """Return the parts of regions that have a weight in the image, the largest first."""
         places: list[_Place] = []
-        for H, at, weight in zip(self._matrices, anchors, weights, strict=True):
+        for k, (H, at, weight) in enumerate(zip(self._matrices, anchors, weights, strict=True)):
             if weight.any():
                 window = _window(weight, (int(H.shape[3]), int(H.shape[4])))
                 own = None if len(self._matrices) == 1 else np.ascontiguousarray(weight[window], self.dtype)
-                places.append((H, at, window, own))
-        places.sort(key=lambda place: -_pixels(place[2]))
+                places.append((k, H, at, window, own))
+        places.sort(key=lambda place: -_pixels(place[3]))
         kept = sum(0 if weight is None else weight.nbytes for *_, weight in places)
         room = max(0, self._limit - kept - self._blending_bytes(len(places)))
         try:
@@ -302,7 +310,7 @@ class FieldProjector(Projector):
         if len(recipes) not in (1, len(places)):
             wanted = f"one method, or one for each of {len(places)} regions"
             raise InputError.expected("projection method", wanted, len(recipes), "give one method")
-        for H, at, window, weight in places:
+        for k, H, at, window, weight in places:
             top, left = window[0].start, window[1].start
             size = (window[0].stop - top, window[1].stop - left)
             own = Projector(
@@ -316,7 +324,7 @@ class FieldProjector(Projector):
                 phases=self._phases_of(at, first),
                 **self._settings,
             )
-            parts.append(_Part(own, window, weight))
+            parts.append(_Part(k, own, window, weight))
         return parts
 
     def _blending_bytes(self, parts: int) -> int:
@@ -364,6 +372,12 @@ class FieldProjector(Projector):
         return SEPARATOR.join(part.projector.recipe for part in self._parts)
 
     @property
+    def noise(self) -> NDArray[np.float64] | None:
+        """Mean noise of each plane as in `Projector`, averaged over the regions in which it is known."""
+        known = [noise for part in self._parts if (noise := part.projector.noise) is not None]
+        return np.mean(known, axis=0) if known else None
+
+    @property
     def rounding(self) -> float:
         """Rounding error of projected values as a fraction of the largest value; do not divide by smaller values."""
         return max(part.projector.rounding for part in self._parts)
@@ -397,7 +411,7 @@ class FieldProjector(Projector):
 
     def _reading(self, **changes: Any) -> Self:
         part = super()._reading(**changes)
-        part._parts = [replace(own, projector=own.projector._reading(**changes)) for own in self._parts]
+        part._parts = [own.reading(changes) for own in self._parts]
         part._engine = part._parts[0].projector._engine
         part._subsets = {}
         return part
