@@ -246,9 +246,15 @@ class FeatureScene:
         ``least`` is the smallest brightness.
         """
         sizes = np.cumsum([len(one.free) for one in self.shapes])[:-1]
-        planes = self.P.volume_shape[0]
         parts = zip(self.shapes, np.split(steps, sizes), strict=True)
-        return FeatureScene(self.P, tuple(one.moved(step, planes, least) for one, step in parts))
+        return FeatureScene(self.P, tuple(one.moved(step, self.P.volume_shape, least) for one, step in parts))
+
+    def determined(self, cov: F8) -> list[bool]:
+        """Return for each feature whether the frame determines its free parameters; ``cov`` is their covariance."""
+        sizes = np.cumsum([len(one.free) for one in self.shapes])[:-1]
+        # a feature that moved far from its initial values has no valid variance
+        parts = zip(self.shapes, np.split(np.diag(cov), sizes), strict=True)
+        return [bool((own > 0).all()) and not one.at_a_limit(self.P.volume_shape) for one, own in parts]
 
 
 def _overlap(a: Window, b: Window) -> bool:
@@ -272,12 +278,15 @@ def misfits(
     weighted: Sequence[FeatureImages],
     cov: F8,
     covariance: Covariance,
+    *,
     seed: int,
+    voting: Sequence[bool],
 ) -> Iterator[tuple[F8, float] | None]:
     """Yield None after each solution, and finally the relative chi-square of each feature, and the limit for all.
 
     The residual ``(Y, X)`` without the best step of all features, and without the best prediction of the rest, is
-    compared with what `DRAWS` random residuals leave. Pixels are weighted by the light of the feature.
+    compared with what `DRAWS` random residuals leave. Pixels are weighted by the light of the feature. The limit
+    depends only on the ``voting`` features, if there are any: the others may have hardly any light.
     """
 
     def left(image: F8) -> F8:
@@ -300,5 +309,6 @@ def misfits(
         expected = np.array([float((share * image[one.window]).sum()) for image in drawn])
         values.append(float((share * mine[one.window]).sum()) / max(float(expected.mean()), 1e-300))
         scatter.append(np.log(np.maximum(expected, 1e-300)).std(ddof=1))
-    limit = math.exp(LIMIT * float(np.sqrt(np.mean(np.square(scatter)))))
+    votes = np.array(scatter)[np.array(voting)] if any(voting) else np.array(scatter)
+    limit = math.exp(LIMIT * float(np.sqrt(np.mean(np.square(votes)))))
     yield np.array(values), limit

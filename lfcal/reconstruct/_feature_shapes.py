@@ -18,7 +18,7 @@ NARROWEST, WIDEST = 0.5, 6.0
 """Limits of the standard deviation of a profile (voxels); a narrower one could miss the centres of the voxels."""
 
 BEYOND = 0.5
-"""Distance beyond the first and last planes up to which H is extrapolated (planes)."""
+"""Distance beyond the first and last planes up to which H is extrapolated (planes), and beyond the volume (voxels)."""
 
 REACH = 4.5
 """Half width of a painted profile, in standard deviations."""
@@ -110,29 +110,24 @@ class Shape:
         values[k] += by
         return replace(self, values=tuple(values))
 
-    def moved(self, step: F8, planes: int, least: float) -> Shape:
+    def moved(self, step: F8, volume: tuple[int, ...], least: float) -> Shape:
         """Return the shape after a ``step`` of its free parameters, limited in size, and to possible values.
 
-        ``planes`` is the number of planes, and ``least`` the smallest brightness.
+        ``volume`` is the shape ``(nz, Y, X)`` of the volume, and ``least`` the smallest brightness.
         """
         values = list(self.values)
         for k, change in zip(self.free, step, strict=True):
             name = self.names[k]
             most = FARTHEST.get(name, math.inf)
             value = values[k] + min(max(float(change), -most), most)
-            if name == "brightness":
-                value = max(value, least)
-            elif name == "plane":
-                value = min(max(value, -BEYOND), planes - 1 + BEYOND)
-            elif name == "width":
-                value = min(max(value, NARROWEST), WIDEST)
-            values[k] = value
+            low, high = (least, math.inf) if name == "brightness" else _limits(name, volume)
+            values[k] = min(max(value, low), high)
         return replace(self, values=tuple(values))
 
-    def at_a_limit(self, planes: int) -> bool:
-        """Return whether `moved` has limited the plane or the width, so that they are not determined."""
-        free = {self.names[k]: self.values[k] for k in self.free}
-        return free.get("plane", 0.0) in (-BEYOND, planes - 1 + BEYOND) or free.get("width") in (NARROWEST, WIDEST)
+    def at_a_limit(self, volume: tuple[int, ...]) -> bool:
+        """Return whether `moved` has limited the position or the width, so that they are not determined."""
+        free = {self.names[k]: self.values[k] for k in self.free if k > 0}
+        return any(value in _limits(name, volume) for name, value in free.items())
 
     def _profile(self) -> tuple[tuple[int, int], F8]:
         """Return row and column of the first voxel, and the light ``(rows, columns)`` of a shape of brightness 1."""
@@ -175,6 +170,14 @@ class Shape:
         step = STEPS[self.names[k]]
         above, below = self.changed(k, step), self.changed(k, -step)
         return (above.patch(planes), 1 / (2 * step)), (below.patch(planes), -1 / (2 * step))
+
+
+def _limits(name: str, volume: tuple[int, ...]) -> tuple[float, float]:
+    """Return the smallest and largest value of a parameter in a ``volume`` ``(nz, Y, X)``; not of the brightness."""
+    if name == "width":
+        return NARROWEST, WIDEST
+    axis = 0 if name == "plane" else 1 if name.endswith("row") else 2
+    return -BEYOND, volume[axis] - 1 + BEYOND
 
 
 def _segment(y: NDArray[Any], x: NDArray[Any], to: tuple[float, float], width: float) -> NDArray[Any]:

@@ -400,7 +400,9 @@ class _Fit:
                     break
                 columns = yield from self._counted(scene.iter_columns())
         cov = solution(weighted, columns)
-        chi2, limit = yield from self._counted(misfits(residual, columns, weighted, cov, covariance, self._seed))
+        voting = scene.determined(cov)
+        judged = misfits(residual, columns, weighted, cov, covariance, seed=self._seed, voting=voting)
+        chi2, limit = yield from self._counted(judged)
         return self._fitted(scene, cov, chi2, limit), light, _Response(scene, rest, columns, weighted, cov)
 
     def _counted(self, steps: Iterator[T | None]) -> Generator[Progress, None, T]:
@@ -516,11 +518,11 @@ class _Fit:
     def _fitted(self, scene: FeatureScene, cov: F8, chi2: F8, limit: float) -> tuple[FittedFeature, ...]:
         depths, found, k = self._P.depths, [], 0
         variances = np.diag(cov)
-        for one, feature, misfit in zip(scene.shapes, self._features(scene), chi2, strict=True):
+        each = zip(scene.shapes, self._features(scene), chi2, scene.determined(cov), strict=True)
+        for one, feature, misfit, determined in each:
             errors = dict.fromkeys(one.names, 0.0)
             own = variances[k : k + len(one.free)]
-            # a feature that moved far from its initial values has no valid variance
-            known = misfit <= limit and not one.at_a_limit(len(depths)) and bool((own > 0).all())
+            known = determined and misfit <= limit
             for free, variance in zip(one.free, own, strict=True):
                 errors[one.names[free]] = math.sqrt(variance) if known else math.nan
             k += len(one.free)

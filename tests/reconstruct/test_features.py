@@ -12,6 +12,7 @@ from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.psf import Facts, PSFMatrix
 from lfcal.reconstruct import Feature, FeatureFit, Projector, SolverChoice, find_beads, fit_features, reconstruct
+from lfcal.reconstruct._feature_shapes import Shape
 from lfcal.simulate import simulate_psf
 
 SHAPE = (77, 77)
@@ -206,6 +207,34 @@ def test_a_bead_beyond_the_planes_has_no_uncertainty(P: Projector) -> None:
         (one,) = fit_features(near, frame, [Feature(37, 40, width=1.0)], CHOICE).features
         assert one.fits == fits and np.isnan(one.sigmas["row"]) != fits
     assert abs(one.feature.plane) < 4 * one.sigmas["plane"] < 0.5
+
+
+def test_a_bead_that_leaves_the_volume_does_not_excuse_the_others() -> None:
+    """It has no light in the frame, so its misfit scatters widely; the limit for all features was too large."""
+    spot = np.exp(-(np.hypot(*np.mgrid[-7:8, -7:8]) ** 2) / 8)
+    P = Projector((spot / spot.sum())[None, None, None], (46, 50), workers=1)
+    y, x = np.mgrid[-3:43, -3:47]
+
+    def bead(row: float, column: float, light: float) -> np.ndarray:
+        return light * np.exp(-((y - row) ** 2 + (x - column) ** 2) / 2) / (2 * np.pi)
+
+    ring = sum(bead(row, column, 3000) for row, column in ((20, 16), (20, 24), (16, 20), (24, 20)))
+    frame = np.random.default_rng(0).poisson(P.forward((ring + bead(-3, -3, 20000) + 10)[None])[3:-3, 3:-3])
+    frame[0, 20] += 400
+    choice = SolverChoice("rl-nesterov", iterations=30, gain=1, margin=3)
+    for other in ((0, 20), (0, 0)):
+        wrong, edge = fit_features(P, frame, [Feature(20, 20, width=1.5), Feature(*other)], choice).features
+        assert not wrong.fits and wrong.limit < 2
+        assert -3.5 <= edge.feature.row <= 42.5 and -3.5 <= edge.feature.column <= 46.5
+
+
+def test_positions_stay_in_the_volume() -> None:
+    bead, line = Shape((1.0, 1.0, 2.0, 0.0, 1.0), (1, 2)), Shape((1.0, 1.0, 2.0, 0.0, 1.0, 8.0, 9.0), (5, 6))
+    ends = bead.moved(np.array([-9.0, 0.0]), (1, 10, 12), 0).moved(np.array([-9.0, 0.0]), (1, 10, 12), 0)
+    assert ends.values[1:3] == (-0.5, 2.0) and ends.at_a_limit((1, 10, 12)) and not bead.at_a_limit((1, 10, 12))
+    for _ in range(4):
+        line = line.moved(np.array([5.0, 5.0]), (1, 10, 12), 0)
+    assert line.values[5:] == (9.5, 11.5) and line.at_a_limit((1, 10, 12))
 
 
 @pytest.mark.long
