@@ -30,6 +30,10 @@ GIVEN = ("row", "column", "depth_um", "brightness", "width", "end_row", "end_col
 """Columns of a table of initial values; the first two are required."""
 
 
+ROUNDED = 1e-5
+"""Largest relative rounding error of a depth in a table; `lfcal` writes six digits."""
+
+
 def feature_outputs(out: Path) -> tuple[Path, ...]:
     """Return the paths of the volume ``out`` of the rest, of the maps of its uncertainty, and of the table."""
     return *bar_outputs(out, regions=False), related(out, "_features", ".csv")
@@ -92,10 +96,13 @@ def plane_of(depth: float, depths: NDArray[np.float64]) -> float:
     at = np.array([-BEYOND, *range(len(depths)), len(depths) - 1 + BEYOND])
     known = np.array([depth_at(plane, depths)[0] for plane in at])
     low, high = float(known.min()), float(known.max())
-    if not low <= depth <= high:
+    # a written depth is rounded
+    if not low - ROUNDED * abs(low) <= depth <= high + ROUNDED * abs(high):
         raise InputError.expected(
             "depth of a feature (µm)", f"a depth from {low:g} to {high:g}", f"{depth:g}", "correct it, or leave it out"
         )
+    if len(depths) == 1:
+        return 0.0
     order = np.argsort(known)
     return float(np.interp(depth, known[order], at[order]))
 

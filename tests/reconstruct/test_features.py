@@ -13,6 +13,7 @@ from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.psf import Facts, PSFMatrix
 from lfcal.reconstruct import Feature, FeatureFit, Projector, SolverChoice, find_beads, fit_features, reconstruct
 from lfcal.reconstruct._feature_shapes import Shape
+from lfcal.reconstruct.feature_run import plane_of
 from lfcal.simulate import simulate_psf
 
 SHAPE = (77, 77)
@@ -235,6 +236,23 @@ def test_positions_stay_in_the_volume() -> None:
     for _ in range(4):
         line = line.moved(np.array([5.0, 5.0]), (1, 10, 12), 0)
     assert line.values[5:] == (9.5, 11.5) and line.at_a_limit((1, 10, 12))
+
+
+@pytest.mark.parametrize(
+    ("depths", "depth", "plane"),
+    [
+        ([1234.5678], 1234.57, 0.0),
+        ([1234.5678], 1234.5678, 0.0),
+        ([0.0, 1234.5678], 1851.85, 1.5),
+        ([-1234.5678, 0.0], -1851.86, -0.5),
+        ([-1234.5678, 0.0], -617.2839, 0.5),
+    ],
+)
+def test_a_written_depth_is_read(depths: list[float], depth: float, plane: float) -> None:
+    """A written depth has six digits, and was refused if rounding moved it beyond the planes."""
+    assert plane_of(depth, np.array(depths)) == pytest.approx(plane, abs=1e-4)
+    with pytest.raises(InputError, match="depth of a feature"):
+        plane_of(depth + 1e4, np.array(depths))
 
 
 @pytest.mark.long
