@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import Clock, Work
 from lfcal.reconstruct.margin import widened
 from lfcal.reconstruct.projectors import Projector
-from lfcal.reconstruct.solvers import Reconstruction, SolverChoice, iter_solve
+from lfcal.reconstruct.solvers import NothingMeasured, Reconstruction, SolverChoice, iter_solve
 
 __all__ = ["Imager", "Imaging", "ObjectModel", "Replicates", "SampleNoise", "blurred"]
 
@@ -213,6 +213,18 @@ class Replicates:
                 result: Reconstruction = stop.value
                 return result
             yield clock.at(done + record.done, note)
+
+    def iter_volume(self, clock: Clock, note: str) -> Work[Reconstruction]:
+        """Reconstruct the frame as in `iter_run`; raise `NothingMeasured` if its volume has no light."""
+        made = yield from self.iter_run(clock, 0, note)
+        if not np.max(made.volume, initial=0) > 0:
+            raise NothingMeasured.expected(
+                "frame",
+                f"light above the background of {self.choice.background:g}",
+                "a volume without light",
+                "correct the background, or choose another frame",
+            )
+        return made
 
     def iter_noise(self, clock: Clock, done: int, volume: NDArray[Any]) -> Work[tuple[SampleNoise, tuple[str, ...]]]:
         """Return the noise of the frame, and notes.

@@ -264,7 +264,7 @@ def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[Non
     """
     runs = yield from _iter_runs(arguments, workers)
     clock = Clock("volume", (1 if SampleNoise.of(runs.choice) else 2) * runs.choice.iterations)
-    made = yield from runs.iter_run(clock, 0, "")
+    made = yield from runs.iter_volume(clock, "")
     noise, notes = yield from runs.iter_noise(clock, runs.choice.iterations, made.volume)
     details = {"noise": asdict(noise), "notes": (*made.notes, *notes), "method": runs.P.method}
     save_volume(out, made.volume, details=details)

@@ -398,7 +398,8 @@ def iter_error_bars(
     Raises
     ------
     InputError
-        If the image, the weights or the labels do not fit the projector, or the number of iterations is not fixed.
+        If the image, the weights or the labels do not fit the projector, the number of iterations is not fixed, or the
+        image has no light above the background.
 
     Examples
     --------
@@ -416,7 +417,7 @@ def iter_error_bars(
     regions = check_labels(labels, (nz, rows - 2 * choice.margin, columns - 2 * choice.margin))
     kind = {"regions": regions is not None, "uncertain": runs.uncertain}
     clock = Clock("error bars", choice.iterations * runs_of(choice, own, **kind))
-    result = yield from runs.iter_run(clock, 0, "volume")
+    result = yield from runs.iter_volume(clock, "volume")
     volume = result.volume
     model = ObjectModel.of(volume, own.contrast)
     noise, notes = yield from runs.iter_noise(clock, choice.iterations, volume)

@@ -349,7 +349,7 @@ class _Fit:
         if features is not None:
             check_features(features, planes, shape)
         clock = Clock("volume", its * (1 if SampleNoise.of(self._choice) else 2))
-        first = yield from self._runs.iter_run(clock, 0, "")
+        first = yield from self._runs.iter_volume(clock, "")
         self._noise, notes = yield from self._runs.iter_noise(clock, its, first.volume)
         starts = find_beads(cropped(first.volume, self._margin)) if features is None else features
         check_features(starts, planes, shape)

@@ -302,6 +302,14 @@ def test_wrong_input_is_refused(P: Projector) -> None:
             error_bars(P, np.ones(SHAPE), choice, labels=labels)
 
 
+def test_a_frame_below_its_background_is_refused() -> None:
+    """Its volume was zero and its bars were NaN, without a message."""
+    P = Projector(np.full((1, 1, 1, 3, 3), 1 / 9), (20, 20), workers=1)
+    choice = SolverChoice("rl", iterations=3, background=100, gain=1)
+    with pytest.raises(InputError, match="expected light above the background of 100, got a volume without light"):
+        error_bars(P, np.full((20, 20), 60.0), choice, BootstrapSettings(replicates=3))
+
+
 SQUARE_DEPTHS = (2.2, 2.8, 3.4)
 SIGMAS: dict[str, float] = {"gap": 0.002, "row": 0.03, "column": 0.03, "f-number": 0.01, "focus": 0.005}
 """Standard uncertainties of a fitted camera: relative, but pixels for the lattice."""

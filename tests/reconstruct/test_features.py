@@ -238,6 +238,12 @@ def test_positions_stay_in_the_volume() -> None:
     assert line.values[5:] == (9.5, 11.5) and line.at_a_limit((1, 10, 12))
 
 
+def test_a_frame_below_its_background_is_refused() -> None:
+    P = Projector(np.full((1, 1, 1, 3, 3), 1 / 9), (20, 20), workers=1)
+    with pytest.raises(InputError, match="expected light above the background of 100, got a volume without light"):
+        fit_features(P, np.full((20, 20), 60.0), [Feature(9, 9)], SolverChoice("rl", 3, background=100, gain=1))
+
+
 @pytest.mark.parametrize(
     ("depths", "depth", "plane"),
     [
