@@ -193,6 +193,10 @@ def iter_bars(
     shape = (len(run.matrices[0]), *run.shape)
     regions = check_labels(None if labels is None else load_labels(labels, run.projector.known_depths), shape)
     box = RegionBox.of(regions, run.projector.grid.cutout, run.choice.margin) if crop and regions is not None else None
+    if changes is not None:
+        with ExitStack() as stack:  # refuses wrong changes or too little memory before anything is computed
+            P = run.projector if box is None else run.projector.part(slice(*box.rows), slice(*box.columns))
+            UncertainH.of(P, run.matrices[0], changes, stack)
     first, others = bar_units(run, out, settings, regions is not None, how, changes=changes, box=box)
     title = f"error bars of {out.name}"
     # a run of the first unit alone would delete finished replicates

@@ -8,10 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.base import drain
 from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix, save
-from lfcal.reconstruct import BootstrapSettings, Projector, RegionSum, SolverChoice, error_bars
+from lfcal.reconstruct import BootstrapSettings, Projector, RegionSum, SolverChoice, VoxelGrid, error_bars
 from lfcal.reconstruct._uncertain_h import UncertainH
+from lfcal.reconstruct.bar_run import iter_bars
+from lfcal.reconstruct.frame_run import FrameRun
+from lfcal.reconstruct.optics import SharedOptics
+from lfcal.records import LightFieldSettings, ProjectionSettings
+from lfcal.work import RunChoice
 from tests.reconstruct.oracles import dense
 
 SHAPE = (16, 18)
@@ -45,6 +51,24 @@ def test_drawn_frames_are_those_of_a_drawn_h(tmp_path: Path) -> None:
         other = PSFMatrix(np.ones((2, 3, 4, 5, 5)))
         with pytest.raises(InputError, match="changes of all planes of this H"):
             UncertainH.of(P, other, file, stack, 1)
+
+
+def test_changes_are_opened_before_the_volume_is_reconstructed(tmp_path: Path) -> None:
+    """Changes of another H, or too little memory for them, were reported after the volume was reconstructed."""
+    H, _, _ = matrices(tmp_path)
+    save(H, tmp_path / "H.h5")
+    save(PSFMatrix(np.ones((3, 3, 4, 5, 7)), anchor=AT), tmp_path / "other.h5")
+    np.save(tmp_path / "frame.npy", np.random.default_rng(1).poisson(50, SHAPE))
+    before = sorted(tmp_path.iterdir())
+    optics = SharedOptics(tmp_path / "H.h5", (), "", LightFieldSettings(), ProjectionSettings())
+    choice, settings = SolverChoice("rl", iterations=2, gain=1), BootstrapSettings(replicates=3)
+    with ExitStack() as stack:
+        run = FrameRun.of(tmp_path / "frame.npy", optics.open(stack), optics, choice, VoxelGrid(margin=0))
+        how = RunChoice("threads", 1)
+        work = iter_bars(run, tmp_path / "v.npy", settings, None, how, {}, changes=tmp_path / "other.h5")
+        with pytest.raises(InputError, match="changes of all planes of this H"):
+            drain(work)
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def region(imaging: object, *, noisy: bool = True) -> RegionSum:
