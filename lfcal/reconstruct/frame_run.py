@@ -131,8 +131,8 @@ class FrameRun:
         side, H = self.voxels.voxel, self.matrices[0]
         if side is None:
             return None
-        anchor = self.optics.image_anchor(self.view, H)
-        return MetricGrid.for_matrix(H, self.shape, anchor, None if isinstance(side, str) else side)
+        anchor = self.optics.anchor
+        return MetricGrid.for_matrix(H, self.shape, anchor, None if isinstance(side, str) else side, self.view)
 
     @property
     def details(self) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, check_number
 from lfcal.psf import PSFMatrix, voxel_um
+from lfcal.reconstruct.resample import Resampling
 
 __all__ = ["MetricGrid"]
 
@@ -105,6 +106,7 @@ class MetricGrid:
         shape: tuple[int, int],
         anchor: Pair | None = None,
         voxel: float | None = None,
+        view: Resampling | None = None,
     ) -> MetricGrid:
         """Return the grid for volumes that are reconstructed with H from images of ``shape``.
 
@@ -120,6 +122,9 @@ class MetricGrid:
             whole periods of the difference are ignored.
         voxel
             Side of the grid's voxels (µm). None: the smallest voxel side of all planes.
+        view
+            Resampling of frames of the entire sensor to the image, which locates the optical axis instead of
+            ``anchor``. None: the image is not resampled.
 
         Raises
         ------
@@ -132,6 +137,9 @@ class MetricGrid:
             )
         sides = [voxel_um(matrix, float(z)) for z in matrix.depths]
         middle, scale = matrix.camera.pixels((0.0, 0.0)), matrix.pixel_scale
+        known = [side for side in sides if side is not None]
+        if view is not None:
+            return cls.of(known, shape, view.pixel((float(middle[0]), float(middle[1]))), voxel)
         axis = []
         for k in range(2):
             moved = 0.0 if anchor is None else anchor[k] - matrix.anchor[k]
@@ -139,7 +147,7 @@ class MetricGrid:
                 # the whole sensor: another anchor names the same position, whole periods on
                 moved = math.remainder(moved, matrix.period[k])
             axis.append(float(middle[k]) * scale[k] + moved)
-        return cls.of([side for side in sides if side is not None], shape, (axis[0], axis[1]), voxel)
+        return cls.of(known, shape, (axis[0], axis[1]), voxel)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[np.float32]:
         """Return a volume ``(nz, y, x)`` resampled to the grid, ``(nz, Y, X)``; the sum of each plane is conserved.

@@ -213,6 +213,14 @@ class Resampling:
         seen = self.distortion.apply(np.stack([place[1], place[0]], axis=-1))
         return seen[..., 1], seen[..., 0]
 
+    def pixel(self, place: Pair) -> Pair:
+        """Return the pixel (row, column) of the result at a ``place`` (row, column) in the frame (px)."""
+        row, column = place
+        if self.distortion is not None:
+            column, row = self.distortion.invert(np.array([column, row], float))
+        at = np.linalg.solve(self._matrix(), np.array([row, column], float) - np.array(self.origin))
+        return float(at[0]) + self.centre[0], float(at[1]) + self.centre[1]
+
     def drift(self, shape: tuple[int, int]) -> float:
         """Return the drift of the lattice over a frame of ``shape`` relative to the period of the result (px).
 

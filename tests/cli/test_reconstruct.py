@@ -20,11 +20,12 @@ from lfcal.acquire.session import record
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor, preset
 from lfcal.lattice import fit_lattice, save_lattice
-from lfcal.psf import PSFMatrix, open_psf, save, save_regions
+from lfcal.psf import PSFMatrix, open_psf, save, save_regions, voxel_um
 from lfcal.reconstruct import FieldProjector, LightFieldSettings, Projector, SolverChoice, load_volume, reconstruct
 from lfcal.reconstruct._frame_units import device_for, device_hints
 from lfcal.reconstruct.projectors import device as devices
 from lfcal.reconstruct.resample import resampling_for, resampling_of
+from lfcal.reconstruct.volumes import volume_facts
 from lfcal.tasks import Reconstruct
 from lfcal.work.unit import numbered
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
@@ -538,6 +539,18 @@ def test_frames_are_resampled_where_the_lattice_drifts(lfcal: Lfcal, drifting: P
         flat, said = solved(lfcal, "frame.tif", "--white", "flat.tif", *run)
         assert flat.shape == usual.shape and "the lattice could not be measured in the white image" in said
         assert "resampled" in said
+
+
+def test_voxels_of_resampled_frames_are_placed_relative_to_the_axis(lfcal: Lfcal, drifting: PSFMatrix) -> None:
+    """The origin was that of another pixel: pixels of the sensor were subtracted from pixels of H."""
+    view, camera = resampling_for(drifting, LARGE), drifting.camera
+    assert view is not None and camera is not None
+    words = ("frame.tif", "--solver", "rl", "-n", 1, "--margin", 2, "--voxel", "auto", "-o", "v.ome.tif")
+    lfcal("reconstruct", "H.h5", *words).ok()
+    facts = volume_facts("v.ome.tif")
+    assert facts.origin_um is not None and facts.voxel_um is not None
+    axis = (np.array(facts.voxel_um) / 2 - facts.origin_um) / voxel_um(drifting) - 0.5
+    np.testing.assert_allclose(view.places(*axis), camera.pixels((0.0, 0.0)), atol=1e-3)
 
 
 def test_frames_are_used_as_they_are_on_request(lfcal: Lfcal, drifting: PSFMatrix) -> None:

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation
 
 from lfcal.base.errors import InputError
 from lfcal.camera import LatticeDistortion, ScanPlan, preset
-from lfcal.psf import PSFMatrix
+from lfcal.psf import PSFMatrix, voxel_um
 from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 
@@ -244,6 +244,21 @@ def test_a_rod_parallel_to_the_axis_is_straight() -> None:
     part = (shape[0] - 1, shape[1])
     here, there = (MetricGrid.for_matrix(H, part, anchor) for anchor in (None, (3.0 - 20, 5.0)))
     assert there.origin_um[0] - here.origin_um[0] == pytest.approx(20 * widest)
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.01])
+def test_the_axis_of_resampled_images_is_that_of_the_camera(rotation: float) -> None:
+    """It was displaced by up to half a period if the anchor of H was far from the axis, or the lattice was rotated."""
+    camera = preset("lfm_60x12")
+    camera = replace(camera, lattice=replace(camera.lattice, rotation_rad=rotation))
+    H = PSFMatrix(np.ones((1, 15, 15, 3, 3)), depths=[50.0], camera=camera, anchor=(1000, 1000))
+    view = Resampling.of_camera(camera, H.period, lattice_anchor_of(H))
+    grid = MetricGrid.for_matrix(H, view.shape, view.anchor(lattice_anchor_of(H)), view=view)
+    axis = (grid.voxel_um / 2 - np.array(grid.origin_um)) / voxel_um(H) - 0.5
+    np.testing.assert_allclose(view.places(*axis), camera.pixels((0.0, 0.0)), atol=1e-6)
+    bend = LatticeDistortion("radial", (900.0, 1100.0), 1000.0, ((2.0,),))
+    bent = replace(view, distortion=bend)
+    np.testing.assert_allclose(bent.places(*np.array(bent.pixel((300.0, 1700.0)))), (300.0, 1700.0), atol=1e-6)
 
 
 def test_wrong_metric_grids_are_refused() -> None:

@@ -386,11 +386,13 @@ class ReconstructSettings(PageSettings):
         side = None if self.voxel == "auto" else _side(self.voxel)
         rows, columns = self.window(shape)
         anchor = None
-        if self.anchor or self.region or view is not None:
-            row, column = self.place(H, view)
+        if self.anchor or self.region:
+            row, column = self.place(H, None)
             anchor = row - rows.start, column - columns.start
         used = rows.stop - rows.start, columns.stop - columns.start
-        return MetricGrid.for_matrix(H, used, anchor, side)
+        if view is not None:
+            view = replace(view, centre=(view.centre[0] - rows.start, view.centre[1] - columns.start))
+        return MetricGrid.for_matrix(H, used, anchor, side, view)
 
     def place(self, H: PSFMatrix, view: Resampling | None) -> tuple[float, float]:
         """Return the pixel (row, column) of the full image at which position (0, 0) of H is imaged."""
