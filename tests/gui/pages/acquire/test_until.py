@@ -155,7 +155,7 @@ def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, 
     # everything recorded becomes an H, and its fit is shown
     assert context.jobs.jobs()[0].result is None, "jobs are remembered: they must not hold a fit"
     sent: list[tuple[str, Any]] = []
-    context.go.connect(lambda key, payload: sent.append((key, payload)))
+    context.made.connect(lambda key, payload: sent.append((key, payload)))
     press(page, "fit", qtbot)
     qtbot.waitUntil(lambda: bool(sent), timeout=GUARD_MS)
     assert sent[0][0] == "h" and isinstance(sent[0][1], Fit) and context.state.psf == str(folder / "H.h5")
