@@ -45,12 +45,6 @@ class MeasuredDrift(NamedTuple):
         found: F8 = np.sqrt(np.diag(self.covariance))
         return found
 
-    @property
-    def score(self) -> F8:
-        """Values ``(k,)`` in units of their standard deviations."""
-        found: F8 = self.values / self.sigmas
-        return found
-
 
 def mean_drift(drifts: Sequence[MeasuredDrift]) -> MeasuredDrift:
     """Return the weighted mean of drifts; the error of the model is common to all, so that no mean reduces it."""
@@ -63,10 +57,10 @@ def mean_drift(drifts: Sequence[MeasuredDrift]) -> MeasuredDrift:
 class AlarmTest:
     """Test whether drifts differ from those of quiet frames, or from zero.
 
-    With quiet frames, this is Hotelling's test of values in units of their stated standard deviations, which depend on
-    the brightness of each frame. Mean and covariance of these values are estimated from the quiet frames. A common
-    factor in the stated standard deviations therefore has no effect. Without quiet frames, the stated covariance is
-    assumed to be correct.
+    With quiet frames, this is Hotelling's test of drifts relative to the mean drift of the quiet frames, in units of
+    their stated standard deviations, which depend on the brightness of each frame. The covariance of these values is
+    estimated from the quiet frames. A common factor in the stated standard deviations therefore has no effect. Without
+    quiet frames, the stated covariance is assumed to be correct.
 
     Parameters
     ----------
@@ -74,14 +68,22 @@ class AlarmTest:
         Drifts of at least `LEAST_QUIET` quiet frames; empty: none.
     rate
         Probability of an alarm without a drift.
+
+    Attributes
+    ----------
+    start
+        Mean drift ``(k,)`` of the quiet frames, relative to which drifts are tested; zero without them.
     """
 
     def __init__(self, quiet: Sequence[MeasuredDrift], rate: float) -> None:
         self.count, self.rate = len(quiet), rate
+        self.start: F8 = np.zeros(3)
+        self._start_variance: F8 = np.zeros(3)
         if quiet:
-            scores = np.stack([one.score for one in quiet])
-            self.mean: F8 = scores.mean(0)
-            self.spread: F8 = np.cov(scores.T)
+            mean = mean_drift(quiet)
+            self.start = mean.values
+            self._start_variance = np.diag(mean.noise) + mean.floors**2 / self.count
+            self.spread: F8 = np.cov(np.stack([self._score(one) for one in quiet]).T)
 
     def threshold(self, k: int = 3) -> float:
         """Return the threshold of T² for ``k`` values.
@@ -104,8 +106,9 @@ class AlarmTest:
             mean = mean_drift(drifts)
             square = float(mean.values @ np.linalg.solve(mean.covariance, mean.values))
             return square, float(chdtrc(k, square))
-        away = np.mean([one.score for one in drifts], axis=0) - self.mean
-        covariance = (1 / m + 1 / n) * self.spread
+        away = np.mean([self._score(one) for one in drifts], axis=0)
+        error = np.mean([np.sqrt(self._start_variance) / one.sigmas for one in drifts], axis=0)
+        covariance = self.spread / m + self.spread * np.outer(error, error)
         if floored:
             covariance = covariance + (1 - 1 / m) * np.diag(
                 np.mean([one.floors / one.sigmas for one in drifts], axis=0) ** 2
@@ -114,9 +117,15 @@ class AlarmTest:
         return square, float(fdtrc(k, n - k, square * (n - k) / (k * (n - 1))))
 
     def errors(self, drift: MeasuredDrift) -> F8:
-        """Return the standard deviations to state: all errors, and at least the scatter of the quiet frames."""
+        """Return the standard deviations, relative to ``start``: all errors, at least the scatter of quiet frames."""
         wide = np.maximum(1, np.sqrt(np.diag(self.spread))) if self.count else 1.0
-        found: F8 = np.hypot(drift.sigmas * wide, drift.linear)
+        sigmas = np.sqrt(drift.sigmas**2 + self._start_variance)
+        found: F8 = np.hypot(sigmas * wide, drift.linear)
+        return found
+
+    def _score(self, drift: MeasuredDrift) -> F8:
+        """Return a drift ``(k,)`` relative to ``start``, in units of its standard deviations."""
+        found: F8 = (drift.values - self.start) / drift.sigmas
         return found
 
 

@@ -277,7 +277,7 @@ def _summary(
             "calibrate again, or give other frames",
         )
     test = AlarmTest(calm, rate)
-    start = mean_drift(calm).values if calm else np.zeros(len(DRIFT_NAMES))
+    start = test.start
     used = [
         (one.name, one.drift, when) for one, when in zip(frames, times, strict=True) if one.drift and not one.problem
     ]

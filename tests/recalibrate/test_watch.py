@@ -218,6 +218,35 @@ def test_quiet_frames_give_alarms_at_the_stated_rate() -> None:
     assert 0.035 < alarms / 3000 < 0.065
 
 
+def scattered(rng: np.random.Generator, count: int, sigma: float, start: tuple[float, ...]) -> list[MeasuredDrift]:
+    """Return drifts about ``start``, with errors as stated: ``sigma`` px, 20 ``sigma`` %, and those of the model."""
+    noise, floors = np.array([1, 1, 20]) * sigma, np.array([0.001, 0.001, 0.02])
+    return [
+        MeasuredDrift(start + np.hypot(noise, floors) * rng.standard_normal(3), np.diag(noise**2), floors)
+        for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize("sigma", [0.004, 0.01, 0.02])
+def test_a_common_offset_gives_no_alarm_in_frames_of_another_brightness(sigma: float) -> None:
+    """The offset of the quiet frames, relative to H, was compared in units of each frame's own sigma."""
+    rng, start, alarms = np.random.default_rng(7), (0.05, -0.03, 0.4), 0
+    for _ in range(400):
+        test = AlarmTest(scattered(rng, 20, 0.01, start), 0.05)
+        alarms += test.tested(scattered(rng, 1, sigma, start))[1] < 0.05
+    assert 0.02 < alarms / 400 < 0.08
+
+
+def test_stated_errors_include_that_of_the_quiet_mean() -> None:
+    """The mean of many frames had a smaller stated error than the mean of few quiet frames that it is relative to."""
+    rng, pulls = np.random.default_rng(8), []
+    for _ in range(300):
+        test = AlarmTest(scattered(rng, 6, 0.01, (0, 0, 0)), 0.01)
+        found = mean_drift(scattered(rng, 60, 0.01, (0, 0, 0)))
+        pulls.append((found.values - test.start) / test.errors(found))
+    assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 1.2
+
+
 def test_thresholds_are_those_of_the_distributions() -> None:
     calm = drawn(np.random.default_rng(2), 24)
     expected = 3 * 23 / 21 * stats.f.isf(0.01, 3, 21)
