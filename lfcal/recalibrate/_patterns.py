@@ -119,7 +119,8 @@ class VoxelPatterns:
             _collect(self.values, self.index[own], corners[own], images, found)
             return found
 
-        return np.concatenate(list(in_order(part, chunks(len(self), PARTS), self.workers)), axis=1)
+        parts = list(in_order(part, chunks(len(self), PARTS), self.workers))
+        return np.concatenate(parts or [np.empty((len(images), 0), np.float32)], axis=1)
 
     def of(self, keep: NDArray[np.bool_]) -> VoxelPatterns:
         """Return the patterns of the voxels in the mask ``keep`` ``(n,)``, without a copy of ``values``."""

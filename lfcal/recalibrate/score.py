@@ -88,6 +88,9 @@ def orthogonal(
         imitated: F4 = np.matmul(np.matmul(flat * weight.ravel(), own.T), own)
         return (flat - imitated).reshape(some.shape)
 
+    if not lit.any():  # a window without signal
+        return rest(images)
+
     def normal(v: F4) -> F4:
         found: F4 = root * patterns.sums(weight * rest(patterns.images(root * v)))
         return found

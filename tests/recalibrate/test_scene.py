@@ -12,7 +12,7 @@ from lfcal.recalibrate._modes import Modes
 from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
 from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate, dark_fields, estimate_scene
 from lfcal.recalibrate._window import SIDE, windows_of
-from lfcal.recalibrate.score import RIDGE, goodness, orthogonal, score_of
+from lfcal.recalibrate.score import RIDGE, goodness, orthogonal, score_and_goodness, score_of
 from tests.recalibrate.common import beads, described, small_plan, the_window, true_patterns
 
 
@@ -197,6 +197,17 @@ def test_score_is_blind_to_an_error_of_the_volume() -> None:
     plain = (derivatives * weight * wrong).sum((1, 2))
     found = score_of(patterns, moved, scene, derivatives, fields)
     assert np.abs(found.gradient).max() < 0.05 * np.abs(plain).max()
+
+
+def test_a_window_without_signal_has_no_information() -> None:
+    """A window whose values are all at most zero was an error that ended the whole series."""
+    patterns = true_patterns(small_plan())
+    frame = ObjectFrame(np.full(patterns.shape, -1, np.float32), np.ones(patterns.shape, np.float32), 3.0)
+    fields = dark_fields(patterns.shape)
+    scene = estimate_scene(patterns, frame, fields, 5)
+    assert scene.volume.max() == 0
+    score, good = score_and_goodness(patterns, frame, scene, patterns.images(scene.volume[None]), fields)
+    assert not score.information.any() and not score.gradient.any() and np.isfinite(good.ratio)
 
 
 def test_goodness_is_one_for_noise_and_more_for_other_light() -> None:
