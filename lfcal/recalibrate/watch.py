@@ -296,7 +296,11 @@ def _summary(
         bool(significant),
         values,
         sigmas,
-        _trends([drift for _, drift, _ in used], [when for _, _, when in used]),
+        _trends(
+            [drift for _, drift, _ in used],
+            [when for _, _, when in used],
+            [k for k, one in enumerate(frames) if one.drift and not one.problem],
+        ),
         rate,
         test.threshold(),
         not calm,
@@ -319,10 +323,15 @@ def _mean(drifts: Sequence[MeasuredDrift], start: F8, test: AlarmTest) -> tuple[
     return _three(found.values - start), _three(test.errors(found))
 
 
-def _trends(drifts: Sequence[MeasuredDrift], times: Sequence[datetime | None]) -> tuple[DriftTrend, ...]:
-    """Return the slopes of weighted straight lines; their errors include a scatter that is larger than stated."""
+def _trends(
+    drifts: Sequence[MeasuredDrift], times: Sequence[datetime | None], index: Sequence[int]
+) -> tuple[DriftTrend, ...]:
+    """Return the slopes of weighted straight lines; their errors include a scatter that is larger than stated.
+
+    ``index`` is the position of each drift's frame in the series, which also contains frames without a drift.
+    """
     known = [one.timestamp() / 3600 for one in times if one is not None]
-    t, per = np.arange(len(drifts), dtype=np.float64), "frame"
+    t, per = np.array(index, np.float64), "frame"
     if len(known) == len(drifts) > 0 and np.ptp(known) > SHORTEST:
         t, per = np.array(known), "hour"
         if np.ptp(t) > HOURS:

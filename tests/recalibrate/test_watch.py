@@ -105,14 +105,17 @@ def test_a_trend_has_the_unit_of_its_times() -> None:
         MeasuredDrift(np.array([0.02 * k, 0, 0]) + np.sqrt(np.diag(noise)) * rng.standard_normal(3), noise, np.zeros(3))
         for k in range(6)
     ]
-    hourly = _trends(drifts, [begin + timedelta(hours=2 * k) for k in range(6)])
-    daily = _trends(drifts, [begin + timedelta(days=k) for k in range(6)])
-    plain = _trends(drifts, [begin] * 6)
+    hourly = _trends(drifts, [begin + timedelta(hours=2 * k) for k in range(6)], range(6))
+    daily = _trends(drifts, [begin + timedelta(days=k) for k in range(6)], range(6))
+    plain = _trends(drifts, [begin] * 6, range(6))
     for found, slope, per in ((hourly, 0.01, "hour"), (daily, 0.02, "day"), (plain, 0.02, "frame")):
         assert found[0].per == per and found[0].significant and abs(found[0].slope - slope) < 4 * found[0].sigma
         assert not found[1].significant and not found[2].significant
     assert found[0].sigma == pytest.approx(1e-3 / np.sqrt(17.5), rel=1.2)
-    assert _trends(drifts[:2], [None, None]) == ()
+    assert _trends(drifts[:2], [None, None], range(2)) == ()
+    # frames without a drift count as well
+    few = _trends([*drifts[:2], *drifts[4:]], [None] * 4, [0, 1, 4, 5])
+    assert few[0].per == "frame" and abs(few[0].slope - 0.02) < 4 * few[0].sigma
 
 
 def test_frames_that_h_does_not_explain_are_no_evidence() -> None:
