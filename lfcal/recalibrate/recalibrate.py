@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -502,5 +503,8 @@ def _closer(plan: ScanPlan) -> tuple[float, ...]:
     at = np.array(plan.virtual_depths or plan.depths_um)
     step = np.diff(at) if len(at) > 1 else np.array([0.5 if plan.virtual_depths else 0.1 * max(1.0, abs(at[0]))])
     more = np.concatenate([at, at[:-1] + np.diff(at) / 2, [at[0] - step[0] / 2, at[-1] + step[-1] / 2]])
-    depths = [camera.depth_of(v) for v in more.tolist() if abs(v) >= 1] if plan.virtual_depths else more.tolist()
+    depths: list[float] = [] if plan.virtual_depths else more.tolist()
+    for v in more.tolist() if plan.virtual_depths else ():
+        with suppress(InputError):  # no object in front of a main lens is imaged there
+            depths += [camera.depth_of(v)] if abs(v) >= 1 else []
     return tuple(sorted(depths, reverse=order))

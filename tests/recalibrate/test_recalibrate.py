@@ -287,6 +287,15 @@ def test_damaged_steps_are_computed_again(tmp_path: Path) -> None:
             Steps(tmp_path, "key", {})
 
 
+def test_more_planes_end_at_infinity() -> None:
+    """A plane half a step beyond infinity ended a fit that was complete."""
+    camera, optics = PLAN.camera, PLAN.camera.optics
+    infinity = (optics.focal_length_um - optics.image_distance_um) / camera.lattice.gap_um
+    plan = ScanPlan.for_camera(camera, virtual_depths=[infinity + 0.2, infinity + 0.7], cutout=21)
+    found = [camera.virtual_depth(z) - infinity for z in FIT._closer(plan)]
+    assert sorted(found) == pytest.approx([0.2, 0.45, 0.7, 0.95])
+
+
 def test_sigmas_include_the_error_of_the_grid_of_voxels(monkeypatch: pytest.MonkeyPatch) -> None:
     vector = Vector(described(PLAN), ScanScales.of(the_window(PLAN).plan), GROUPS)
     run, n = FIT._Run([], PLAN, vector, Steps(None, "", {}), 1), len(vector)
