@@ -33,7 +33,8 @@ def watch_outputs(folder: Path) -> tuple[Path, ...]:
 def write_watch(found: DriftWatch, folder: Path, known: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the table, the numbers and the plot of a watched series to ``folder``, and return their paths.
 
-    ``known`` contains entries to add to the numbers, as plain JSON types.
+    ``known`` contains entries to add to the numbers, as plain JSON types. Of them, ``recalibrated`` states whether the
+    H in the folder `RECALIBRATED` belongs to this result; without it, it does not.
 
     Raises
     ------
@@ -42,7 +43,7 @@ def write_watch(found: DriftWatch, folder: Path, known: Mapping[str, Any]) -> tu
     """
     table, numbers, plot = watch_outputs(folder)
     write_text(table, _table(found))
-    write_text(numbers, json_text(found.to_dict() | dict(known)))
+    write_text(numbers, json_text(found.to_dict() | {"recalibrated": False} | dict(known)))
     _draw(found, plot)
     return table, numbers, plot
 
@@ -63,6 +64,8 @@ class StoredWatch:
         Index of the first frame that differs significantly from the calibration; None without a drift.
     frames
         Drift, goodness of fit, alarm and problem of each frame, in the order of the series.
+    has_recalibrated
+        Whether the H in the folder ``recalibrated`` belongs to this result, and not to an earlier one.
     """
 
     file: Path
@@ -70,10 +73,11 @@ class StoredWatch:
     verdict: str
     first_moved: int | None
     frames: tuple[Mapping[str, Any], ...]
+    has_recalibrated: bool = False
 
     @property
     def recalibrated(self) -> Path:
-        """Folder with the recalibrated camera and its H, which exists only if recalibration was requested."""
+        """Folder with the recalibrated camera and its H; of an earlier result unless ``has_recalibrated`` is set."""
         return self.file.with_name(RECALIBRATED)
 
 
@@ -92,7 +96,8 @@ def read_watch(path: Path) -> StoredWatch:
         said = json.loads(read_text(file))
         moved = said["first_moved"]
         frames = tuple(dict(one) for one in said["frames"])
-        return StoredWatch(file, Path(said["task"]["psf"]), str(said["verdict"]), moved and int(moved), frames)
+        psf, verdict, own = Path(said["task"]["psf"]), str(said["verdict"]), said.get("recalibrated") is True
+        return StoredWatch(file, psf, verdict, moved and int(moved), frames, own)
     except (KeyError, TypeError, ValueError):
         raise InputError.expected(str(file), "the result of lfcal watch", "another file", "run lfcal watch") from None
 

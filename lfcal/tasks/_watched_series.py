@@ -55,11 +55,11 @@ class WatchedSeries:
         own = found.recalibrated / MODEL
         if not recalibrated or found.first_moved is None:
             return cls(frames, found, None)
-        if not own.is_file():
+        if not (found.has_recalibrated and own.is_file()):
             raise InputError.expected(
                 str(own),
-                "the recalibrated H",
-                "no file",
+                "the recalibrated H of this result",
+                "that of an earlier one" if own.is_file() else "no file",
                 "run lfcal watch with --recalibrate, or leave this option out",
             )
         return cls(frames, found, own)

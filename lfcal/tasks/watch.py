@@ -149,12 +149,15 @@ class Watch(Task):
                 workers=run.workers if run else None,
             )
             found = yield from work
+            known = {"task": self.to_dict(absolute=True, outputs=False)}
+            # before the recalibration, which may fail or be stopped
+            files = () if self.out is None else write_watch(found, self.out, known)
             fit = yield from self._iter_recalibrated(found, frames, setup, plan, run)
-        known = {"task": self.to_dict(absolute=True, outputs=False)}
-        files = () if self.out is None else write_watch(found, self.out, known)
         if fit is not None and self.out is not None:
             workers = run.workers if run else None
-            files += yield from iter_write_recalibration(fit, self.out / RECALIBRATED, known, workers=workers)
+            more = yield from iter_write_recalibration(fit, self.out / RECALIBRATED, known, workers=workers)
+            if more:
+                files = (*write_watch(found, self.out, known | {"recalibrated": True}), *more)
         return (Watched(found=found, files=files, recalibration=fit),)
 
     def _iter_recalibrated(

@@ -21,8 +21,11 @@ from lfcal.camera import Camera
 from lfcal.fit import NewFrame
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import PSFMatrix, open_psf, save
-from lfcal.reconstruct import load_volume
+from lfcal.recalibrate import RECALIBRATED, DriftWatch, write_watch
+from lfcal.recalibrate.watched import WatchedFrame, WatchedMean
+from lfcal.reconstruct import FrameFile, load_volume
 from lfcal.tasks import RunSettings, Watch
+from lfcal.tasks._watched_series import WatchedSeries
 from tests.cli.conftest import Lfcal, Run
 from tests.judge.test_check import AT, changed, new_frame, plan_of, setup_of, values
 from tests.recalibrate.common import WRONG, beads, frame_of, shared_patterns, small_h, small_plan, true_setup
@@ -477,6 +480,37 @@ def test_what_cannot_be_watched_is_refused(lfcal: Lfcal, watched: Path) -> None:
     ):
         run = lfcal("watch", *words.split(), *GIVEN, "-o", "bad").refused()
         assert message in run.err.replace("\\", "/") and not (watched / "bad").exists(), (words, run.err)
+
+
+def test_a_watch_is_written_before_the_recalibration(
+    lfcal: Lfcal, watched: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recalibration that failed discarded the finished watch."""
+
+    def failing(*_: object, **__: object) -> None:
+        raise InputError("frames: not recalibrated")
+
+    monkeypatch.setattr("lfcal.recalibrate.iter_recalibrate", failing)
+    lfcal("watch", "monday", "moved/40.tif", *GIVEN, "--recalibrate", "-o", "stopped").refused("not recalibrated")
+    said = json.loads((watched / "stopped/watch.json").read_text())
+    assert said["holds"] is False and said["recalibrated"] is False and (watched / "stopped/watch.png").is_file()
+
+
+def test_the_recalibrated_h_of_an_earlier_watch_is_refused(tmp_path: Path) -> None:
+    """It was used if a newer watch in the same folder wrote no H."""
+    psf, h = tmp_path / "H.h5", tmp_path / RECALIBRATED / "H.h5"
+    h.parent.mkdir()
+    h.touch()
+    one = WatchedMean(("40.tif",), (0.1, 0.0, 0.0), (0.01, 0.01, 0.04), 99.0, 1e-6, True)
+    frames = (WatchedFrame("40.tif", None, one.values, one.sigmas),)
+    found = DriftWatch(frames, (), (one,), (0,), True, one.values, one.sigmas, (), 0.01, 11.3)
+    known = {"task": {"psf": str(psf)}}
+    series = [FrameFile("40", tmp_path / "40.tif", 0)]
+    write_watch(found, tmp_path, known)
+    with pytest.raises(InputError, match="expected the recalibrated H of this result, got that of an earlier one"):
+        WatchedSeries.read(tmp_path, psf, series, recalibrated=True)
+    write_watch(found, tmp_path, known | {"recalibrated": True})
+    assert WatchedSeries.read(tmp_path, psf, series, recalibrated=True).recalibrated == h
 
 
 LARGER = small_plan((2.4,), 66)  # recalibration needs more pixels than a check
