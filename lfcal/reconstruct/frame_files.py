@@ -96,7 +96,8 @@ def read_frame(file: Path, page: int, shape: tuple[int, int] | None = None) -> N
     if shape is not None and found.shape != shape:
         wanted, got = (" x ".join(map(str, size)) + " pixels" for size in (shape, found.shape))
         remedy = "reconstruct frames of another size separately"
-        raise FileFormatError.expected(f"frame {page} of {file}", f"{wanted}, as in the first frame", got, remedy)
+        what = f"page {page} of {file}" if page else str(file)
+        raise FileFormatError.expected(what, f"{wanted}, as in the first frame", got, remedy)
     return found
 
 

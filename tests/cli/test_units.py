@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_info
 
 from lfcal.acquire import RedoList
 from lfcal.acquire.session import record as record_session
-from lfcal.base.errors import StorageError
+from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import drain
 from lfcal.base.threads import WORKERS
 from lfcal.cli._app import build_app
@@ -190,10 +190,10 @@ def test_a_resumed_run_projects_as_it_was_begun(lfcal: Lfcal, place: Path, monke
     words = ("reconstruct", "H.h5", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out", "--resume")
     read = importlib.import_module("lfcal.reconstruct._frame_units").read_frame
 
-    def damaged(file: Path, page: int | None) -> Any:
+    def damaged(file: Path, page: int, shape: tuple[int, int]) -> Any:
         if page == 2:
             raise StorageError("the third frame cannot be read")
-        return read(file, page)
+        return read(file, page, shape)
 
     with monkeypatch.context() as patch:
         patch.setattr("lfcal.reconstruct.projectors.projector.Projector.recipe", "sparse")
@@ -233,16 +233,24 @@ def test_what_an_earlier_run_left_is_continued_or_replaced(lfcal: Lfcal, place: 
     assert not parts_folder(place / out).exists()
 
 
-def test_a_refusal_names_what_is_kept(lfcal: Lfcal, place: Path) -> None:
-    """The third frame is damaged: what the first two made is kept, and the run continues once it is fixed."""
+def test_a_refusal_names_what_is_kept(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The third frame is refused: what the first two made is kept, and the run continues once it is accepted."""
     (place / "frames").mkdir()
-    for k, rows in enumerate((30, 30, 29)):
-        tifffile.imwrite(place / "frames" / f"t{k}.tif", np.full((rows, 31), 50 + k, np.uint16))
+    for k in range(3):
+        tifffile.imwrite(place / "frames" / f"t{k}.tif", np.full((30, 31), 50 + k, np.uint16))
+    read = importlib.import_module("lfcal.reconstruct._frame_units").read_frame
+
+    def refused(file: Path, page: int, shape: tuple[int, int]) -> Any:
+        if file.name == "t2.tif":
+            raise InputError("the third frame is refused")
+        return read(file, page, shape)
+
     tifffile.imwrite(place / "dark.tif", np.full((30, 31), 10, np.uint16))
     words = ("reconstruct", "H.h5", "frames", "-n", 1, "--solver", "rl", "--dark", "dark.tif", "-o", "out")
-    run = lfcal(*words, "--executor", "threads")
+    with monkeypatch.context() as patch:
+        patch.setattr("lfcal.reconstruct._frame_units.read_frame", refused)
+        run = lfcal(*words, "--executor", "threads")
     run.refused("kept: 2 of 3 units in out.parts; --resume continues with them")
-    tifffile.imwrite(place / "frames" / "t2.tif", np.full((30, 31), 52, np.uint16))
     lfcal(*words, "--executor", "threads", "--resume").ok()
     assert sorted(path.name for path in (place / "out").iterdir()) == ["t0.tif", "t1.tif", "t2.tif"]
 
