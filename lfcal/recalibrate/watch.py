@@ -326,9 +326,9 @@ def _mean(drifts: Sequence[MeasuredDrift], start: F8, test: AlarmTest) -> tuple[
 def _trends(
     drifts: Sequence[MeasuredDrift], times: Sequence[datetime | None], index: Sequence[int]
 ) -> tuple[DriftTrend, ...]:
-    """Return the slopes of weighted straight lines; their errors include a scatter that is larger than stated.
+    """Return the slopes of weighted straight lines. Their errors include a scatter that is larger than stated.
 
-    ``index`` is the position of each drift's frame in the series, which also contains frames without a drift.
+    ``index`` is the position of the frame of each drift in the series, including frames without a drift.
     """
     known = [one.timestamp() / 3600 for one in times if one is not None]
     t, per = np.array(index, np.float64), "frame"

@@ -386,9 +386,9 @@ def write_volumes(
 
 @dataclass
 class _CountedVolumes:
-    """Function that passes volumes to ``add``, after checking that they have the ``shape`` stated in the file.
+    """Function that passes volumes to ``add`` if they have the ``shape`` stated in the file.
 
-    ``order`` contains the index in the volume of each plane of the file; None: the planes are in their original order.
+    ``order`` contains the index in the volume of each plane of the file. None: the order is the same.
     """
 
     add: Callable[[NDArray[np.float32]], None]
