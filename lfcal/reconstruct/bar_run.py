@@ -132,9 +132,10 @@ class BarForecast:
     def __str__(self) -> str:
         """Return the forecast as text."""
         usual = max(1, round(self.runs * self.iterations / USUAL_ITERATIONS))
+        word = "reconstruction" if usual == 1 else "reconstructions"
         return (
             f"error bars need {self.runs} reconstructions with {self.iterations} iterations, about "
-            f"{format_seconds(self.seconds)} (as long as {usual} default reconstructions), and "
+            f"{format_seconds(self.seconds)} (as long as {usual} default {word}), and "
             f"{format_bytes(self.memory.total)} of memory"
         )
 

@@ -56,7 +56,7 @@ def test_maps_and_sums_are_those_of_python(lfcal: Lfcal, place: Path, tmp_path: 
     out = tmp_path / "v.tif"
     words = ("reconstruct", place / "H.h5", place / "frame.tif", "-o", out, "--bars", *QUICK)
     done = lfcal(*words, "--labels", place / "labels.tif", "--contrast", 0.7, "--seed", 3, "--background", 3).ok()
-    cost = r"5 reconstructions with 4 iterations, about .* \(as long as 1 default reconstructions\), and .* of memory"
+    cost = r"5 reconstructions with 4 iterations, about .* \(as long as 1 default reconstruction\), and .* of memory"
     assert re.search(cost, done.err)
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
         ["v.tif", "v_sigma.tif", "v_kappa.tif", "v_resolution.tif", "v_regions.csv"]
